@@ -48,7 +48,7 @@ impl Memory {
                     reporter: node.reporter,
                 })
             }
-            Role::Tag(_) | Role::Advertiser(_) => {
+            Role::Tag(_) | Role::Advertiser(_) | Role::Scanner => {
                 node.report(Condition::WrongRecord);
                 None
             }

@@ -97,7 +97,7 @@ impl Settings {
     pub fn of(record: &Record, chip_address: [u8; 6]) -> Result<Self, SettingsError> {
         let advertiser = match record.role {
             Role::Advertiser(advertiser) => advertiser,
-            Role::Tag(_) | Role::Anchor { .. } => return Err(SettingsError::OtherRole),
+            Role::Tag(_) | Role::Anchor { .. } | Role::Scanner => return Err(SettingsError::OtherRole),
         };
         if !(SHORTEST_INTERVAL_MS..=LONGEST_INTERVAL_MS).contains(&advertiser.interval_ms) {
             return Err(SettingsError::Interval(advertiser.interval_ms));

@@ -94,12 +94,11 @@ impl Settings {
             short_address: address,
             eui,
             filter: match (protocol, &record.role) {
-                (ProtocolConfig::Native, _)
-                | (ProtocolConfig::Listening { .. }, Role::Anchor { .. } | Role::Advertiser(_)) => FrameFilter::DATA,
                 // The tag listens to answers that are addressed to others.
                 (ProtocolConfig::Listening { .. }, Role::Tag(_)) => FrameFilter::OFF,
                 // Blinks, and addresses that a tag learns when it is paired: all frames are received.
                 (ProtocolConfig::DecaRanging(_), _) => FrameFilter::OFF,
+                (ProtocolConfig::Native | ProtocolConfig::Listening { .. }, _) => FrameFilter::DATA,
             },
             sleeps: matches!(record.role, Role::Tag(Tag { sleep: true, .. })),
             ..Config::new(network.phy)

@@ -48,7 +48,7 @@ pub use channels::{DATA, Measured, ReceivedAdvertisement, RssiWindow, SendError,
 pub use config::{LocatorConfig, anchor_positions, method};
 pub use positioning_core::locator::{AnchorPosition, Position, SiteModels};
 pub use rate_control::RateControl;
-pub use sightings::KnownBeacons;
+pub use sightings::{KnownBeacon, KnownBeacons};
 pub use site_models::site_models;
 pub use sounding::Sounding;
 pub use telemetry_sink::TelemetrySink;

@@ -101,7 +101,7 @@ impl Memory {
                 });
                 Some((exchange, tag))
             }
-            Role::Anchor { .. } | Role::Advertiser(_) => {
+            Role::Anchor { .. } | Role::Advertiser(_) | Role::Scanner => {
                 node.report(Condition::WrongRecord);
                 None
             }

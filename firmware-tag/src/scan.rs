@@ -4,11 +4,12 @@
 //! window begins when the radio has reported that it is quiet for that long. The radio of a tag that owns every slot is
 //! never quiet. Such a tag scans anyway, an interval late. This costs rounds, which are counted as late.
 //!
-//! [`Supervisor`] decides, sans-I/O, and [`run`] carries out its decisions.
+//! [`Supervisor`] decides, sans-I/O, and [`supervise`] carries out its decisions: for a tag ([`run`]), and for the
+//! scanner of `firmware-scanner`, which has no other radio to wait for.
 
 use core::convert::Infallible;
 
-use embassy_futures::select::select;
+use embassy_futures::select::{Either, select};
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use wire::ble::Advertised;
@@ -144,20 +145,66 @@ pub fn receive<M: RawMutex>(channels: &TaskChannels<M>, sink: &impl Sink, data: 
     }
 }
 
-/// Runs a scanner for ever.
+/// What a scanner is supervised by.
+#[allow(async_fn_in_trait, reason = "nodes run on one core; no future crosses a thread")]
+pub trait Ears {
+    /// Microseconds since the node started.
+    fn now_us(&self) -> u64;
+
+    /// Advertisements received so far, of whomever. It wraps.
+    fn received(&self) -> u32;
+
+    /// Waits until the radio will be quiet, and returns until when, microseconds since the node started.
+    async fn next_quiet(&self) -> u64;
+
+    /// The scanner was silent and has been restarted, `times` times so far.
+    fn restarted(&self, times: u32);
+}
+
+/// A tag's ears.
+struct TagEars<'a, M: RawMutex, S> {
+    channels: &'a TaskChannels<M>,
+    sink: &'a S,
+}
+
+impl<M: RawMutex, S: Sink> Ears for TagEars<'_, M, S> {
+    fn now_us(&self) -> u64 {
+        self.sink.now_us()
+    }
+
+    fn received(&self) -> u32 {
+        self.channels.heard.get()
+    }
+
+    async fn next_quiet(&self) -> u64 {
+        let Quiet { until_us } = self.channels.next_quiet().await;
+        until_us
+    }
+
+    fn restarted(&self, times: u32) {
+        self.sink.scanner_restarted(times);
+    }
+}
+
+/// Runs a tag's scanner for ever.
 pub async fn run<M: RawMutex>(
     channels: &TaskChannels<M>,
     plan: Plan,
-    mut scanner: impl Scanner,
-    mut delay: impl DelayNs,
+    scanner: impl Scanner,
+    delay: impl DelayNs,
     sink: &impl Sink,
 ) -> Infallible {
+    supervise(plan, scanner, delay, &TagEars { channels, sink }).await
+}
+
+/// Runs a scanner for ever, as a [`Supervisor`] decides.
+pub async fn supervise(plan: Plan, mut scanner: impl Scanner, mut delay: impl DelayNs, ears: &impl Ears) -> Infallible {
     let mut supervisor = Supervisor::new(plan);
-    let (mut heard, mut restarts) = (channels.heard.get(), 0_u32);
+    let (mut received, mut restarts) = (ears.received(), 0_u32);
     loop {
-        let now = sink.now_us();
-        let count = channels.heard.get();
-        if core::mem::replace(&mut heard, count) != count {
+        let now = ears.now_us();
+        let count = ears.received();
+        if core::mem::replace(&mut received, count) != count {
             supervisor.heard(now);
         }
         let (command, next_us) = supervisor.step(now);
@@ -168,16 +215,14 @@ pub async fn run<M: RawMutex>(
                 scanner.stop().await;
                 scanner.start().await;
                 restarts = restarts.wrapping_add(1);
-                sink.scanner_restarted(restarts);
+                ears.restarted(restarts);
             }
             None => {}
         }
-        let wait_us = u32::try_from(next_us.saturating_sub(sink.now_us())).unwrap_or(u32::MAX);
-        let quiet = async {
-            let Quiet { until_us } = channels.next_quiet().await;
+        let wait_us = u32::try_from(next_us.saturating_sub(ears.now_us())).unwrap_or(u32::MAX);
+        if let Either::Second(until_us) = select(delay.delay_us(wait_us), ears.next_quiet()).await {
             supervisor.quiet(until_us);
-        };
-        select(delay.delay_us(wait_us), quiet).await;
+        }
     }
 }
 

@@ -14,12 +14,13 @@ pub struct KnownBeacons<'r> {
     key: Option<&'r [u8; 16]>,
 }
 
-/// A beacon that the tag knows.
+/// A beacon that a node knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Known {
-    pub(crate) id: BeaconId,
+pub struct KnownBeacon {
+    /// Its name.
+    pub id: BeaconId,
     /// Its index in the list, if it is listed.
-    pub(crate) place: Option<usize>,
+    pub place: Option<usize>,
 }
 
 impl<'r> KnownBeacons<'r> {
@@ -40,7 +41,7 @@ impl<'r> KnownBeacons<'r> {
     }
 
     /// Identifies the sender of an advertisement, if the tag knows it.
-    pub(crate) fn identify(&self, heard: &Advertised) -> Option<Known> {
+    pub fn identify(&self, heard: &Advertised) -> Option<KnownBeacon> {
         let revealed = match (heard, self.key) {
             (Advertised::IBeacon(beacon), Some(key)) => RotatingId::new(key).reveal(beacon),
             (Advertised::IBeacon(_), None) | (Advertised::EddystoneUid(_), _) => None,
@@ -50,7 +51,7 @@ impl<'r> KnownBeacons<'r> {
         let place = self.beacons.iter().position(|beacon| (beacon.major, beacon.minor) == (major, minor));
         // The UUID of a rotating identifier has no meaning.
         let network = if revealed.is_some() { 0 } else { told.network };
-        let known = Known { id: BeaconId { network, major, minor }, place };
+        let known = KnownBeacon { id: BeaconId { network, major, minor }, place };
         (place.is_some() || self.beacons.is_empty()).then_some(known)
     }
 }
@@ -85,10 +86,10 @@ mod tests {
         let known = KnownBeacons::new(&list, None);
         let id = BeaconId { network: 0x1234_5678, major: 1, minor: 2 };
         let one = Advertised::IBeacon(ibeacon(1, 2));
-        assert_eq!(known.identify(&one), Some(Known { id, place: Some(1) }));
+        assert_eq!(known.identify(&one), Some(KnownBeacon { id, place: Some(1) }));
         assert_eq!(known.identify(&Advertised::IBeacon(ibeacon(1, 3))), None);
         let all = KnownBeacons::new(&[], None);
-        assert_eq!(all.identify(&one), Some(Known { id, place: None }));
+        assert_eq!(all.identify(&one), Some(KnownBeacon { id, place: None }));
     }
 
     #[test]
@@ -97,7 +98,7 @@ mod tests {
         let heard = EddystoneUid { namespace: [0x12; 10], instance: [9, 9, 1, 2, 3, 4], power_0m_dbm: -18 };
         let known = KnownBeacons::new(&list, Some(&KEY)).identify(&Advertised::EddystoneUid(heard));
         let id = BeaconId { network: 0x1212_1212, major: 0x0102, minor: 0x0304 };
-        assert_eq!(known, Some(Known { id, place: Some(0) }));
+        assert_eq!(known, Some(KnownBeacon { id, place: Some(0) }));
     }
 
     #[test]
@@ -107,7 +108,7 @@ mod tests {
         let rotated = Advertised::IBeacon(rotating_id.rotate(&ibeacon(1, 2), fresh));
         let list = [listed(1, 2)];
         let id = BeaconId { network: 0, major: 1, minor: 2 };
-        assert_eq!(KnownBeacons::new(&list, Some(&KEY)).identify(&rotated), Some(Known { id, place: Some(0) }));
+        assert_eq!(KnownBeacons::new(&list, Some(&KEY)).identify(&rotated), Some(KnownBeacon { id, place: Some(0) }));
         assert_eq!(KnownBeacons::new(&list, Some(&[8; 16])).identify(&rotated), None);
     }
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use positioning_core::geodesy::GeographicOrigin;
 use serde::Deserialize;
-use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role, TagArea};
+use wire::config::{Anchor, Beacon, Identity, Mode, Network, Record, Role, TagArea, Wifi};
 use wire::telemetry::Address;
 
 use crate::document::{Document, KeyLines, SiteError};
@@ -18,6 +18,7 @@ use crate::node::{Node, NodeTable, Numbers, Own};
 use crate::receivers::{self, Receiver};
 use crate::simulation::{Simulation, SimulationTable};
 use crate::values::Exactly;
+use crate::wifi::WifiTable;
 
 /// Frames carry coordinates up to this, metres.
 const FARTHEST_M: f32 = 8388.0;
@@ -57,6 +58,7 @@ struct Tables {
     beacons_csv: Option<PathBuf>,
     geographic_origin: Option<GeographicOrigin>,
     area: Option<AreaTable>,
+    wifi: Option<WifiTable>,
     #[serde(default)]
     simulation: SimulationTable,
 }
@@ -73,8 +75,7 @@ struct AreaTable {
 impl Tables {
     /// Whether it describes a station's receivers or the origin, and nothing that is for nodes.
     fn is_without_nodes(&self) -> bool {
-        let Self { network: _, node, anchor, beacon, receiver, beacons_csv, geographic_origin, area: _, simulation: _ } =
-            self;
+        let Self { network: _, node, anchor, beacon, receiver, beacons_csv, geographic_origin, .. } = self;
         let is_for_nodes = !(node.is_empty() && anchor.is_empty() && beacon.is_empty()) || beacons_csv.is_some();
         !is_for_nodes && (!receiver.is_empty() || geographic_origin.is_some())
     }
@@ -97,6 +98,8 @@ pub struct Site {
     pub receivers: Vec<Receiver>,
     /// Where tags can be.
     pub area: Option<TagArea>,
+    /// The file of the gateways' keys, relative to the site's file.
+    pub gateways: Option<PathBuf>,
     /// Where the frame of the positions is on the earth.
     pub geographic_origin: Option<GeographicOrigin>,
     /// What only a simulation has.
@@ -144,6 +147,7 @@ impl<'t> SiteFile<'t> {
             listed_anchors: tables.anchor.iter().map(Into::into).collect(),
             receivers: tables.receiver,
             area: tables.area.map(|table| table.area(lines("area").first())).transpose()?,
+            gateways: tables.wifi.as_ref().and_then(|table| table.gateways.clone()),
             geographic_origin: tables.geographic_origin,
             simulation: tables.simulation.simulation(document)?,
         };
@@ -166,7 +170,9 @@ impl<'t> SiteFile<'t> {
             lists.calibrate(calibrated, csv_line).map_err(|what| SiteError::at(csv_line, what))?;
             Ok(Arc::new(lists))
         };
-        let site = site.with_nodes(&owns, listed, network_lines, calibrated)?;
+        let wifi = tables.wifi.map(|table| table.settings(&lines("wifi").first().cloned().unwrap_or_default()));
+        let wifi = wifi.transpose()?;
+        let site = site.with_nodes(&owns, (listed, wifi), network_lines, calibrated)?;
         if purpose == Purpose::Nodes {
             in_reach(&site.nodes)?;
         }
@@ -206,7 +212,7 @@ impl Site {
     fn with_nodes(
         mut self,
         owns: &[Own],
-        listed: Lists,
+        (listed, wifi): (Lists, Option<Wifi>),
         network_lines: KeyLines,
         calibrated: impl Fn(Lists) -> Result<Arc<Lists>, SiteError>,
     ) -> Result<Self, SiteError> {
@@ -228,7 +234,8 @@ impl Site {
                 unknown.insert((neighbour, lists));
             }
             if let Some((network, lists)) = of_network.get(&number) {
-                let node = self.node(own, (*network, lists), &network_lines, owns.len())?;
+                let mut node = self.node(own, (*network, lists), &network_lines, owns.len())?;
+                node.wifi = own.wifi(wifi.as_ref())?;
                 node.record_for(None)?;
                 self.nodes.push(node);
             }
@@ -251,12 +258,13 @@ impl Site {
         };
         let ((anchors, beacons), beacon_key) = match &own.role {
             Role::Tag(_) => (lists.of_record()?, self.beacon_key),
-            Role::Advertiser(_) => (Default::default(), self.beacon_key),
+            // A scanner tells of every beacon.
+            Role::Advertiser(_) | Role::Scanner => (Default::default(), self.beacon_key),
             // An anchor does not use the key, so its record does not contain the key.
             Role::Anchor { .. } => (Default::default(), None),
         };
-        // A beacon sends no frames of the network.
-        let key = network.key.filter(|_| !matches!(own.role, Role::Advertiser(_)));
+        // Beacons and scanners send no frames of the network.
+        let key = network.key.filter(|_| !matches!(own.role, Role::Advertiser(_) | Role::Scanner));
         let mode = own.table.mode(network.mode, &own.lines)?;
         let network = Network { key, mode, ..network };
         let mut role = own.role;
@@ -274,12 +282,16 @@ impl Site {
             beacon_key,
         };
         let (board, position_m) = own.table.node();
+        let [rssi_1m_dbm, path_loss_exponent] = own.table.path_loss(&own.lines)?;
         Ok(Node {
             name,
             board,
             record,
+            wifi: None,
             files: own.table.files(),
             position_m,
+            rssi_1m_dbm,
+            path_loss_exponent,
             simulation: own.table.simulation.clone(),
             lines: own.lines.clone(),
             lists: Arc::clone(lists),

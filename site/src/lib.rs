@@ -12,8 +12,10 @@ mod moved;
 mod network;
 mod node;
 mod receivers;
+mod role_keys;
 mod simulation;
 mod values;
+mod wifi;
 
 pub use document::{KeyLines, SiteError};
 pub use file::{Purpose, Site, SiteFile};

@@ -6,81 +6,18 @@ use std::sync::Arc;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _, Unexpected};
 use wire::config::{
-    Advertiser, Board, Calibration, Identity, Invalid, Mode, Pins, PollContent, Record, Role, Scan, Scheme, Solver, Tag,
+    Advertiser, Board, Calibration, Identity, Invalid, Mode, Pins, PollContent, Record, Role, Scan, Scheme, Solver,
+    Tag, Wifi,
 };
 
 use crate::Purpose;
 use crate::document::{Hex, KeyLines, SiteError, choice};
 use crate::lists::Lists;
 use crate::network::centihertz;
+use crate::receivers;
+use crate::role_keys::refuse_foreign_keys;
 use crate::simulation::NodeSimulation;
 use crate::values::Exactly;
-
-/// The keys that are only for anchors, only for tags or only for beacons.
-const ROLE_KEYS: [(RoleName, &[&str]); 3] = [
-    (
-        RoleName::Anchor,
-        &[
-            "position_m",
-            "simulation.network",
-            "simulation.gateway",
-            "simulation.cpu_slowdown",
-            "simulation.true_antenna_delay_ticks",
-        ],
-    ),
-    (
-        RoleName::Tag,
-        &[
-            "height_m",
-            "height_sigma_m",
-            "mode",
-            "solver",
-            "scheme",
-            "rate_hz",
-            "still_rate_hz",
-            "sleep",
-            "anchors_per_round",
-            "tell_distances",
-            "tell_position",
-            "report_ranges",
-            "scan_interval_ms",
-            "scan_window_ms",
-            "nlos_model",
-            "nlos_classifier",
-            "fingerprint_map",
-            "room_model",
-            "simulation.count",
-            "simulation.data_every_s",
-            "simulation.network",
-            "simulation.cpu_slowdown",
-            "simulation.true_antenna_delay_ticks",
-            "simulation.path_m",
-            "simulation.speed_m_s",
-            "simulation.closed",
-            "simulation.leaves_s",
-            "simulation.carried_by",
-            "simulation.vibration_mg",
-            "simulation.motion_sensor",
-        ],
-    ),
-    (
-        RoleName::Beacon,
-        &[
-            "position_m",
-            "uuid",
-            "major",
-            "minor",
-            "measured_power_dbm",
-            "interval_ms",
-            "tx_power_dbm",
-            "channels",
-            "rotate_s",
-            "simulation.rssi_1m_dbm",
-            "simulation.format",
-            "simulation.listed",
-        ],
-    ),
-];
 
 /// The mode of a tag that blinks.
 pub const BLINK: &str = "blink";
@@ -95,14 +32,16 @@ pub(crate) enum RoleName {
     Anchor,
     Tag,
     Beacon,
+    Scanner,
 }
 
 impl RoleName {
-    const fn as_str(self) -> &'static str {
+    pub(crate) const fn as_str(self) -> &'static str {
         match self {
             Self::Anchor => "anchor",
             Self::Tag => "tag",
             Self::Beacon => "beacon",
+            Self::Scanner => "scanner",
         }
     }
 
@@ -112,11 +51,12 @@ impl RoleName {
             Self::Anchor => 0x0001,
             Self::Tag => 0x1001,
             Self::Beacon => 0x2001,
+            Self::Scanner => 0x3001,
         }
     }
 }
 
-/// `[[node]]`: the keys of all nodes, then those of tags, then those of beacons.
+/// `[[node]]`: the keys of all nodes, then those of tags, of beacons, and of scanners.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NodeTable {
@@ -132,6 +72,8 @@ pub(crate) struct NodeTable {
     uwb_tx_power: Option<u32>,
     pins: Option<PinTable>,
     position_m: Option<Exactly<f64, 3>>,
+    #[serde(default)]
+    wifi: bool,
     #[serde(default)]
     pub(crate) simulation: NodeSimulation,
 
@@ -169,6 +111,9 @@ pub(crate) struct NodeTable {
     #[serde(default, deserialize_with = "channels")]
     channels: Option<u8>,
     rotate_s: Option<u16>,
+
+    rssi_1m_dbm: Option<f64>,
+    path_loss_exponent: Option<f64>,
 }
 
 /// `pins`.
@@ -192,10 +137,16 @@ pub struct Node {
     pub board: Option<Board>,
     /// The node's config record.
     pub record: Record,
+    /// How it reaches its station by Wi-Fi, without the key; `None`: it has a cable, or none.
+    pub wifi: Option<Wifi>,
     /// The files that a tag's table names.
     pub files: NodeFiles,
-    /// The position of an anchor or a beacon, metres.
+    /// The position of an anchor, a beacon or a scanner, metres.
     pub position_m: Option<[f64; 3]>,
+    /// RSSI of a usual device one metre from a scanner, dBm.
+    pub rssi_1m_dbm: Option<f64>,
+    /// The path-loss exponent of what a scanner receives.
+    pub path_loss_exponent: Option<f64>,
     /// What only a simulation has.
     pub simulation: NodeSimulation,
     /// The line numbers of the node's table.
@@ -235,6 +186,19 @@ impl Own {
     pub(crate) fn position_m(&self) -> Option<[f32; 3]> {
         self.table.position()
     }
+
+    /// How it reaches its station by Wi-Fi, in a site with these settings.
+    pub(crate) fn wifi(&self, site: Option<&Wifi>) -> Result<Option<Wifi>, SiteError> {
+        let wrong = |what| Err(SiteError::at(self.lines.of("wifi"), what));
+        match site {
+            _ if !self.table.wifi => Ok(None),
+            None => wrong("wifi is true: [wifi] with ssid and station is missing"),
+            Some(_) if self.table.scan_interval_ms.is_some() => {
+                wrong("wifi with scan_interval_ms: the image with Wi-Fi has no Bluetooth")
+            }
+            Some(settings) => Ok(Some(settings.clone())),
+        }
+    }
 }
 
 impl Node {
@@ -244,6 +208,10 @@ impl Node {
     /// The node cannot follow the record. The error has the line number and the reason.
     pub fn record_for(&self, board: Option<Board>) -> Result<&Record, SiteError> {
         let checked = match board.or(self.board) {
+            Some(board) if self.wifi.is_some() && !board.spec().has_wifi => {
+                let what = format!("wifi is true: a {} has no Wi-Fi", board.name());
+                return Err(SiteError::at(self.lines.of("wifi"), what));
+            }
             Some(board) => self.record.validate_for(board),
             None => self.record.validate(),
         };
@@ -281,7 +249,7 @@ fn key_of(field: &'static str) -> &'static str {
 /// The addresses and numbers of simulated nodes that have none in the file, in the order of the file.
 #[derive(Debug, Default)]
 pub(crate) struct Numbers {
-    of_role: [u16; 3],
+    of_role: [u16; 4],
 }
 
 impl Numbers {
@@ -320,7 +288,7 @@ impl NodeTable {
     /// # Errors
     /// A key belongs to another role, is missing, or keys cannot be combined.
     pub(crate) fn read(mut self, lines: KeyLines, purpose: Purpose, numbers: &mut Numbers) -> Result<Own, SiteError> {
-        self.refuse_foreign_keys(&lines)?;
+        refuse_foreign_keys(self.role, &lines)?;
         let mut identity = Identity { eui: self.eui.map(|Hex(eui)| u64::from_be_bytes(eui)), address: self.address };
         if purpose == Purpose::Simulation {
             let number = numbers.next(self.role);
@@ -341,6 +309,7 @@ impl NodeTable {
             RoleName::Anchor => Role::Anchor { position_m: self.position() },
             RoleName::Tag => Role::Tag(self.tag(&lines)?),
             RoleName::Beacon => Role::Advertiser(self.advertiser().map_err(wrong)?),
+            RoleName::Scanner => Role::Scanner,
         };
         let calibration = Calibration {
             antenna_delay: self.antenna_delay_ticks,
@@ -350,18 +319,6 @@ impl NodeTable {
         let pins = |PinTable { sck, mosi, miso, cs, irq, reset }| Pins { sck, mosi, miso, cs, irq, reset };
         let pins = self.pins.map(pins);
         Ok(Own { table: self, identity, role, calibration, pins, lines })
-    }
-
-    fn refuse_foreign_keys(&self, lines: &KeyLines) -> Result<(), SiteError> {
-        let is_of = |role: RoleName, key: &str| ROLE_KEYS.iter().any(|(of, keys)| *of == role && keys.contains(&key));
-        let foreign = lines.keys.iter().filter(|(key, _)| !is_of(self.role, key));
-        let foreign = foreign.filter_map(|(key, line)| {
-            let (of, _) = ROLE_KEYS.iter().find(|(_, keys)| keys.contains(&key.as_str()))?;
-            let key = key.rsplit('.').next().unwrap_or(key);
-            let what = "is a key of a node whose role is";
-            Some((line, format!("{key} {what} {}, this one's is {}", of.as_str(), self.role.as_str())))
-        });
-        foreign.min_by_key(|(line, _)| **line).map_or(Ok(()), |(line, what)| Err(SiteError::at(*line, what)))
     }
 
     fn tag(&self, lines: &KeyLines) -> Result<Tag, SiteError> {
@@ -461,6 +418,14 @@ impl NodeTable {
 
     pub(crate) fn node(&self) -> (Option<Board>, Option<[f64; 3]>) {
         (self.board, self.position_m.map(|Exactly(at)| at))
+    }
+
+    /// How a scanner's RSSI depends on the distance, checked.
+    pub(crate) fn path_loss(&self, lines: &KeyLines) -> Result<[Option<f64>; 2], SiteError> {
+        let path_loss = [self.rssi_1m_dbm, self.path_loss_exponent];
+        receivers::check_path_loss(path_loss)
+            .map(|()| path_loss)
+            .map_err(|(key, what)| SiteError::at(lines.of(key), format!("{key} is {what}")))
     }
 }
 

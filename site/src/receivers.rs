@@ -63,14 +63,21 @@ impl Receiver {
         if let Some(metres) = position_m.iter().find(|metres| !(metres.abs() <= FARTHEST_M)) {
             return Err(("position_m", format!("{metres}: it must be finite and within 1000 km of the origin")));
         }
-        if let Some(dbm) = rssi_1m_dbm.filter(|dbm| !(-127.0..=-1.0).contains(dbm)) {
-            return Err(("rssi_1m_dbm", format!("{dbm}: it must be -127 to -1")));
-        }
-        if let Some(exponent) = path_loss_exponent.filter(|exponent| !(0.1..=20.0).contains(exponent)) {
-            return Err(("path_loss_exponent", format!("{exponent}: it must be 0.1 to 20")));
-        }
-        Ok(())
+        check_path_loss([*rssi_1m_dbm, *path_loss_exponent])
     }
+}
+
+/// Checks RSSI at one metre, dBm, and path-loss exponent. The error is a key, and what is wrong with its value.
+pub(crate) fn check_path_loss(
+    [rssi_1m_dbm, path_loss_exponent]: [Option<f64>; 2],
+) -> Result<(), (&'static str, String)> {
+    if let Some(dbm) = rssi_1m_dbm.filter(|dbm| !(-127.0..=-1.0).contains(dbm)) {
+        return Err(("rssi_1m_dbm", format!("{dbm}: it must be -127 to -1")));
+    }
+    if let Some(exponent) = path_loss_exponent.filter(|exponent| !(0.1..=20.0).contains(exponent)) {
+        return Err(("path_loss_exponent", format!("{exponent}: it must be 0.1 to 20")));
+    }
+    Ok(())
 }
 
 /// Whether the station calls an anchor, a tag (`0x0101`) or a beacon (`1-7`) so.
@@ -169,6 +176,36 @@ mod tests {
     fn names_with_digits_are_those_of_receivers() {
         for name in ["12", "1-hall", "hall-1", "1-2-3", "0xhall", "1-70000"] {
             parse(&KITCHEN.replace("kitchen", name)).expect(name);
+        }
+    }
+
+    #[test]
+    fn a_scanner_is_a_node_with_the_keys_of_a_receiver() {
+        let scanner = "[network]\npan = 1\nregion = \"none\"\n[[node]]\nname = \"kitchen\"\nrole = \"scanner\"\n\
+                       board = \"esp32c3\"\naddress = 0x3001\nposition_m = [1, 2, 2.5]\nrssi_1m_dbm = -61\n";
+        let node = parse(scanner).expect("a site").nodes.remove(0);
+        assert_eq!(node.record.role, wire::config::Role::Scanner);
+        let of_station = (node.position_m, node.rssi_1m_dbm, node.path_loss_exponent);
+        assert_eq!(of_station, (Some([1.0, 2.0, 2.5]), Some(-61.0), None));
+        for (from, to, said) in [
+            (
+                "esp32c3",
+                "dwm1001",
+                "line 6: role is scanner: it must be on an ESP32: no other board has an image of a scanner",
+            ),
+            ("-61", "61", "line 10: rssi_1m_dbm is 61: it must be -127 to -1"),
+            (
+                "rssi_1m_dbm = -61",
+                "rate_hz = 1",
+                "line 10: rate_hz is a key of a node whose role is tag, this one's is scanner",
+            ),
+            (
+                "\"scanner\"",
+                "\"anchor\"",
+                "line 10: rssi_1m_dbm is a key of a node whose role is scanner, this one's is anchor",
+            ),
+        ] {
+            assert_eq!(parse(&scanner.replacen(from, to, 1)).expect_err(said).to_string(), said);
         }
     }
 }

@@ -61,8 +61,8 @@ impl Switches {
         });
         record.role = match (self.anchor, record.role) {
             (true, role @ Role::Anchor { .. }) | (false, role @ Role::Tag(_)) => role,
-            (true, Role::Tag(_) | Role::Advertiser(_)) => Role::Anchor { position_m: None },
-            (false, Role::Anchor { .. } | Role::Advertiser(_)) => Role::Tag(TAG),
+            (true, Role::Tag(_) | Role::Advertiser(_) | Role::Scanner) => Role::Anchor { position_m: None },
+            (false, Role::Anchor { .. } | Role::Advertiser(_) | Role::Scanner) => Role::Tag(TAG),
         };
         record.network.phy = self.phy();
         record.network.mode = match (self.native, record.network.mode) {

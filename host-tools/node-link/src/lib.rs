@@ -3,6 +3,8 @@
 #![forbid(unsafe_code)]
 
 pub mod decode;
+pub mod gateway_key;
+pub mod hexadecimal;
 pub mod monitor;
 pub mod probe;
 pub mod provision;

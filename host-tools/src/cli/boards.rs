@@ -19,9 +19,10 @@ use super::stream::{STOP, catch_signals};
 /// The time between two looks for a board.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// The content of a node's flash: its record and its models.
+/// The content of a node's flash: its record, its models and its settings of Wi-Fi.
 pub fn contents<'a>(node: &'a Node, record: &'a Record) -> Contents<'a> {
-    Contents { record, model: node.model.as_ref().map(Chosen::bytes), site_models: node.site_models.as_deref() }
+    let (model, site_models) = (node.model.as_ref().map(Chosen::bytes), node.site_models.as_deref());
+    Contents { record, model, site_models, wifi: node.wifi.as_ref() }
 }
 
 /// The board of a node: the given one, else the one in the file.

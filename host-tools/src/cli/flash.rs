@@ -62,7 +62,8 @@ struct Load<'a> {
 /// # Errors
 /// The site's file or an image is wrong, the probe fails, or the flash does not keep what is written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let site = Site::read(&arguments.config)?;
+    let mut site = Site::read(&arguments.config)?;
+    super::provision::give_keys(&mut site)?;
     if arguments.all || arguments.node.len() > 1 {
         let named = arguments.node.iter().map(|name| site.node(Some(name))).collect::<Result<Vec<_>, _>>()?;
         let nodes = if arguments.all { site.nodes.iter().collect() } else { named };
@@ -99,12 +100,12 @@ impl Arguments {
     /// The image and the record of a node.
     fn load<'a>(&self, node: &'a Node) -> Result<Load<'a>> {
         let board = board_of(self.board, node)?;
-        let record = node.record_for(Some(board))?;
+        node.record_for(Some(board))?;
         let file = match &self.image {
             Some(file) => file.clone(),
-            None => Firmware::find(&self.folders(), board, record)?,
+            None => Firmware::find(&self.folders(), board, node)?,
         };
-        Ok(Load { node, board, firmware: Firmware::read(&file, board, record)? })
+        Ok(Load { node, board, firmware: Firmware::read(&file, board, node)? })
     }
 
     /// Where images are looked for.

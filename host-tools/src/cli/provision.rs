@@ -128,7 +128,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 
 /// `--config`: writes the records to files or to a board, or prints them as `--show` would.
 fn make(arguments: &Arguments, file: &Path) -> Result<()> {
-    let site = Site::read(file)?;
+    let mut site = Site::read(file)?;
+    give_keys(&mut site)?;
     if arguments.all && arguments.write {
         return write_all(arguments, file, &site);
     }
@@ -220,7 +221,18 @@ fn make_all(arguments: &Arguments, site: &Site) -> Result<()> {
 }
 
 fn has_key(contents: &Contents<'_>) -> bool {
-    contents.record.network.key.or(contents.record.beacon_key).is_some()
+    contents.record.network.key.or(contents.record.beacon_key).is_some() || contents.wifi.is_some()
+}
+
+/// Gives nodes with Wi-Fi their keys, and says which ones are new.
+pub fn give_keys(site: &mut Site) -> Result<()> {
+    if let Some((file, made)) = site.give_keys()?
+        && !made.is_empty()
+    {
+        let (file, names) = (file.display(), made.join(", "));
+        super::note(&format!("made keys in {file} for {names}: start the station with --gateways {file}\n"));
+    }
+    Ok(())
 }
 
 /// Writes a record to a file; one with a key is for its owner only.

@@ -12,7 +12,6 @@ mod forward;
 mod foxglove;
 mod foxglove_server;
 mod gateways;
-mod hexadecimal;
 mod node_clock;
 mod oidc;
 mod piped_probe;
@@ -30,7 +29,7 @@ mod webhooks;
 #[cfg(feature = "foxglove")]
 pub use export::write_mcap;
 pub use export::{Exported, Selection, is_of_export, write_folder, write_gpx};
-pub use gateways::{Admission, GatewayKey};
+pub use gateways::Admission;
 pub use node_clock::NodeClock;
 pub use oidc::read_oidc;
 pub use remote::Remote;

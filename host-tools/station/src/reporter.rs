@@ -18,8 +18,8 @@ pub struct NodeReporter {
     clock: NodeClock,
     /// The node's address. It is unknown until the node says `Hello`, which it does every two seconds.
     address: Option<u16>,
-    /// It has said that it is a tag.
-    is_tag: bool,
+    /// It is unknown until then as well.
+    role: Option<telemetry::Role>,
     /// The tags whose polls it receives, by address.
     polls: HashMap<u16, ReceivedPolls>,
 }
@@ -65,7 +65,7 @@ fn keep(rounds: &mut VecDeque<(u16, Utc)>, of_round: (u16, Utc)) {
 impl NodeReporter {
     /// A node of a site.
     pub fn new(site: impl Into<String>) -> Self {
-        Self { site: site.into(), clock: NodeClock::default(), address: None, is_tag: false, polls: HashMap::new() }
+        Self { site: site.into(), clock: NodeClock::default(), address: None, role: None, polls: HashMap::new() }
     }
 
     /// A node whose address is known.
@@ -84,7 +84,7 @@ impl NodeReporter {
     pub fn reports_of(&mut self, t: Utc, message: &Message) -> Vec<SourceReport> {
         if let Message::Hello(hello) = message {
             self.address = Some(hello.address);
-            self.is_tag = hello.role == telemetry::Role::Tag;
+            self.role = Some(hello.role);
         }
         let Some(address) = self.address else { return Vec::new() };
         let t = received(t, message);
@@ -103,16 +103,30 @@ impl NodeReporter {
                     telemetry::Role::Anchor => NodeRole::Anchor,
                     telemetry::Role::Tag => NodeRole::Tag,
                     telemetry::Role::Beacon => NodeRole::Beacon,
+                    telemetry::Role::Scanner => NodeRole::Receiver,
                 };
                 vec![ReportKind::Node { node: tag, name: None, role, position_m: None }]
             }
             Message::Fix(fix) => vec![fix_report(tag, fix)],
             Message::Range(range) => range_reports(tag, range),
             Message::Sighting(sighting) => {
+                let BeaconId { network, major, minor } = sighting.beacon;
                 // The station calls beacons as the site's file does, whatever UUID they advertise.
-                let BeaconId { major, minor, .. } = sighting.beacon;
+                let beacon = format!("{major}-{minor}");
                 let rssi_dbm = sighting.rssi_dbm.into();
-                vec![ReportKind::Sighting { tag, beacon: format!("{major}-{minor}"), rssi_dbm }]
+                match self.role {
+                    // Nobody knows yet whether it is at a known place, or moves.
+                    None => Vec::new(),
+                    Some(telemetry::Role::Scanner) => {
+                        let rssi_1m_dbm = Some(sighting.measured_power_dbm.into());
+                        // What it receives moves, and may be of anybody. A rotating identifier has no UUID.
+                        let device = if network == 0 { beacon } else { sighting.beacon.to_string() };
+                        vec![ReportKind::ReceiverSighting { receiver: tag, device, rssi_dbm, rssi_1m_dbm }]
+                    }
+                    Some(telemetry::Role::Tag | telemetry::Role::Anchor | telemetry::Role::Beacon) => {
+                        vec![ReportKind::Sighting { tag, beacon, rssi_dbm }]
+                    }
+                }
             }
             Message::TagData(told) => {
                 let (tag, data) = (Address(told.tag).to_string(), told.data().to_vec());
@@ -121,7 +135,9 @@ impl NodeReporter {
             Message::Arrival(arrival) => vec![ReportKind::Arrival { anchor: address, arrival: *arrival }],
             Message::Supply(supply) => vec![ReportKind::Supply { node: tag, supply_v: supply.supply_v() }],
             // Anchors count nothing that they refuse, and must not become tags.
-            Message::Counters(counters) if self.is_tag => vec![ReportKind::Refusals { tag, frames: counters.refused }],
+            Message::Counters(counters) if self.role == Some(telemetry::Role::Tag) => {
+                vec![ReportKind::Refusals { tag, frames: counters.refused }]
+            }
             // The station keeps nothing of the others.
             _ => Vec::new(),
         };
@@ -201,14 +217,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sighted_beacon_has_the_name_of_the_sites_file() {
+    fn a_tag_names_a_beacon_as_the_sites_file_and_a_scanner_names_what_moves() {
         let beacon = BeaconId { network: 0xC2A8_AD55, major: 1, minor: 7 };
         let sighting = Sighting { t_us: 450_000, beacon, rssi_dbm: -67, measured_power_dbm: -59 };
         let stamp = Stamp { t_s: 0.45, epoch: 0 };
-        let reports = NodeReporter::of("hall", 0x1001).reports(stamp, &sighting.into(), Utc::now());
-        let whats: Vec<_> = reports.into_iter().map(|report| report.what).collect();
-        let (tag, beacon) = ("0x1001".to_owned(), "1-7".to_owned());
-        assert_eq!(whats, [ReportKind::Sighting { tag, beacon, rssi_dbm: -67.0 }]);
+        let whats = |role: Option<telemetry::Role>, beacon| {
+            let mut node = NodeReporter::of("hall", 0x1001);
+            if let Some(role) = role {
+                node.reports(stamp, &hello(0x1001, role), Utc::now());
+            }
+            let reports = node.reports(stamp, &Sighting { beacon, ..sighting }.into(), Utc::now());
+            reports.into_iter().map(|report| report.what).collect::<Vec<_>>()
+        };
+        let (tag, name) = ("0x1001".to_owned(), "1-7".to_owned());
+        let expected = ReportKind::Sighting { tag: tag.clone(), beacon: name.clone(), rssi_dbm: -67.0 };
+        assert_eq!(whats(Some(telemetry::Role::Tag), beacon), [expected]);
+        assert_eq!(whats(None, beacon), [], "it may be a scanner");
+        let received = |device: &str| {
+            let (receiver, device) = (tag.clone(), device.to_owned());
+            ReportKind::ReceiverSighting { receiver, device, rssi_dbm: -67.0, rssi_1m_dbm: Some(-59.0) }
+        };
+        let scanner = Some(telemetry::Role::Scanner);
+        assert_eq!(whats(scanner, beacon), [received("c2a8ad55-1-7")]);
+        assert_eq!(whats(scanner, BeaconId { network: 0, ..beacon }), [received("1-7")]);
     }
 
     fn hello(address: u16, role: telemetry::Role) -> Message {

@@ -62,7 +62,17 @@ impl SimulatedSite {
             let height_m = tag.settings.record.height_m?.into();
             Some(ReportKind::Height { tag: Address(tag.address).to_string(), height_m })
         });
-        let nodes = anchors.chain(heights).chain(beacons).map(|what| SourceReport { t, site: name.to_owned(), what });
+        let scanners = scenario.scanners.iter().flat_map(|scanner| {
+            let (node, position_m) = (Address(scanner.address).to_string(), Some(scanner.at));
+            let [rssi_1m_dbm, path_loss_exponent] = scanner.path_loss;
+            let place = ReportKind::Node { node: node.clone(), name: None, role: NodeRole::Receiver, position_m };
+            [place, ReportKind::PathLoss { node, rssi_1m_dbm, path_loss_exponent }]
+        });
+        let nodes = anchors.chain(heights).chain(beacons).chain(scanners).map(|what| SourceReport {
+            t,
+            site: name.to_owned(),
+            what,
+        });
         Self { site, zones: zones.collect(), nodes: nodes.collect() }
     }
 }
@@ -90,7 +100,7 @@ pub fn simulate(scenario: Scenario, site: &str, send: ReportSender<'_>) {
         now_s += STEP_S;
         for record in simulation.run_until(now_s) {
             let node = record.node;
-            if !simulation.scenario().has_cable(node) {
+            if !simulation.scenario().has_host(node) {
                 continue;
             }
             let (timeline, reporter) =
@@ -160,5 +170,38 @@ mod tests {
         assert!(positions.len() == 5 && positions.values().all(|count| (8..=11).contains(count)), "{positions:?}");
         assert!(worst_m < 0.6, "{worst_m}");
         assert_eq!(live.refused(), 0);
+    }
+
+    #[test]
+    fn scanners_tell_the_station_of_the_beacons_that_they_receive() {
+        let scenario = Scenario::parse(include_str!("../../../examples/scanners.toml")).expect("the example");
+        let site = SimulatedSite::of(&scenario, "flat", Utc::default());
+        let receivers = site.nodes.iter().filter(|report| {
+            matches!(&report.what, ReportKind::Node { role: NodeRole::Receiver, position_m: Some(_), .. })
+        });
+        assert_eq!(receivers.count(), 4);
+        let mut simulation = Simulation::new(scenario);
+        let mut nodes: HashMap<u16, NodeReporter> = HashMap::new();
+        let mut rssi: HashMap<String, Vec<f64>> = HashMap::new();
+        for record in simulation.run_until(10.0) {
+            let reporter = nodes.entry(record.node).or_insert_with(|| NodeReporter::of("flat", record.node));
+            for message in record.messages() {
+                for report in reporter.reports_of(Utc::default(), &message) {
+                    let ReportKind::ReceiverSighting { receiver, device, rssi_dbm, rssi_1m_dbm } = report.what else {
+                        assert!(matches!(report.what, ReportKind::Node { .. }), "{:?}", report.what);
+                        continue;
+                    };
+                    assert_eq!((&*device, rssi_1m_dbm), ("c2a8ad55-1-1", Some(-59.0)));
+                    rssi.entry(receiver).or_default().push(rssi_dbm);
+                }
+            }
+        }
+        // Twice a second. The corners are 6.0 m away: -59 dBm - 20 lg 6.0 = -74.6 dBm, with shadowing of 3 dB.
+        assert_eq!(rssi.len(), 4);
+        for (receiver, rssi) in &rssi {
+            let mean = rssi.iter().sum::<f64>() / rssi.len() as f64;
+            assert!((18..=20).contains(&rssi.len()), "{receiver}: {}", rssi.len());
+            assert!((mean + 74.6).abs() < 9.0, "{receiver}: {mean} dBm");
+        }
     }
 }

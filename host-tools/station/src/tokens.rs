@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Deserialize;
 use station_core::api::{Access, Token, UserRole};
 
-use crate::hexadecimal;
+use node_link::hexadecimal;
 use recording::UserError;
 use recording::read_text;
 

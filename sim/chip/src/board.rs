@@ -20,7 +20,7 @@ pub enum Core {
     RiscV32,
 }
 
-/// Interrupts of a scanning Bluetooth controller. They come above all priorities, as a Poisson process.
+/// Interrupts of the chip's own radio. They come above all priorities, as a Poisson process.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interrupts {
     /// Interrupts per second, in the mean.
@@ -34,6 +34,11 @@ impl Interrupts {
     /// access address, the end and the processing after it; in addition there is a timer. With fifty advertisements a
     /// second this is two hundred interrupts of 40 µs.
     pub const SCANNING: Self = Self { per_second: 200.0, each: Duration::from_micros(40) };
+    /// While a node is joined to a Wi-Fi: an assumption. It receives ten beacons a second of its access point and some
+    /// frames to all, and sends ten to forty datagrams, each of which the driver serves at its start, at the access point's
+    /// acknowledgement and at its end, as their receipts; in addition there are timers. This is three hundred interrupts of
+    /// 40 µs. The driver's threads and the network's stack are below ranging.
+    pub const WIFI: Self = Self { per_second: 300.0, each: Duration::from_micros(40) };
 }
 
 /// A board.
@@ -84,6 +89,8 @@ pub struct BoardProfile {
     pub sleep_timer_ns: u32,
     /// Interrupts of its Bluetooth controller while it scans.
     pub scanning: Interrupts,
+    /// The interrupts of Wi-Fi.
+    pub wifi: Interrupts,
     /// Current while the processor runs, while it waits with its clocks on, and while it sleeps with them off,
     /// milliamperes.
     pub run_ma: f64,
@@ -134,6 +141,7 @@ impl BoardProfile {
         sleep_from: Some(Duration::from_millis(3)),
         sleep_timer_ns: 30_518,
         scanning: Interrupts::SCANNING,
+        wifi: Interrupts::WIFI,
         run_ma: 3.7,
         wait_ma: 0.6,
         sleep_ma: 0.0019,
@@ -169,6 +177,7 @@ impl BoardProfile {
         sleep_from: None,
         sleep_timer_ns: 0,
         scanning: Interrupts::SCANNING,
+        wifi: Interrupts::WIFI,
         run_ma: 28.3,
         wait_ma: 6.0,
         sleep_ma: 6.0,
@@ -208,6 +217,7 @@ impl BoardProfile {
         sleep_from: None,
         sleep_timer_ns: 0,
         scanning: Interrupts::SCANNING,
+        wifi: Interrupts::WIFI,
         run_ma: 23.0,
         wait_ma: 16.0,
         sleep_ma: 0.13,
@@ -246,6 +256,7 @@ impl BoardProfile {
         sleep_from: None,
         sleep_timer_ns: 0,
         scanning: Interrupts::SCANNING,
+        wifi: Interrupts::WIFI,
         run_ma: 0.0,
         wait_ma: 0.0,
         sleep_ma: 0.0,

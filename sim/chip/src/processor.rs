@@ -117,7 +117,7 @@ impl Processor {
         debt.set(debt.get() + self.0.board.instructions_ps(instructions.into()));
     }
 
-    /// Starts Bluetooth's interrupts, or ends them with `None`.
+    /// Starts the interrupts of Bluetooth or Wi-Fi, or ends them with `None`.
     pub fn interfere(&self, now: TrueTime, interrupts: Option<Interrupts>, random: Stream) {
         *self.0.interference.borrow_mut() = interrupts.map(|interrupts| {
             let mut interference = Interference { interrupts, next: now, random };

@@ -36,7 +36,7 @@ pub enum Purpose {
     Scanner = 8,
     /// RSSI of a beacon by position.
     Shadowing = 9,
-    /// The times of a Bluetooth controller's interrupts.
+    /// The times of the interrupts of Bluetooth or Wi-Fi.
     Interrupts = 10,
     /// The effects of a motion sensor: its orientation, noise.
     MotionSensor = 11,

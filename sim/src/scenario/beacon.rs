@@ -1,7 +1,6 @@
 //! The beacons of a scenario on the Bluetooth air: the app of `firmware-beacon`, or a commercial beacon that sends
 //! Eddystone.
 
-use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;
 use std::time::Duration;
@@ -16,12 +15,13 @@ use wire::config::Advertiser;
 use wire::telemetry::{Board, ResetCause};
 use wire::uwb::native::software_code;
 
+use super::bluetooth_node::BluetoothNode;
 use super::config::eui;
 use super::telemetry::Outlet;
-use super::{FaultKind, Format, Scenario};
+use super::{Format, Scenario};
+use crate::World;
 use crate::bluetooth::{Bluetooth, Sender};
 use crate::random::{Purpose, stream};
-use crate::{TaskId, World};
 
 /// A beacon.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,65 +47,22 @@ impl Beacon {
     }
 }
 
-/// A beacon that can be switched.
-pub(super) struct BeaconNode {
-    world: World,
-    air: Bluetooth,
-    beacon: Beacon,
+/// Starts a beacon, which can be switched.
+pub(super) fn start(
+    (world, air): (&World, &Bluetooth),
+    beacon: &Beacon,
     beacon_key: Option<[u8; 16]>,
     outlet: Rc<Outlet>,
-    task: RefCell<Option<TaskId>>,
-}
-
-impl BeaconNode {
-    /// Adds a beacon to the world and starts it.
-    pub(super) fn start(
-        world: &World,
-        air: &Bluetooth,
-        (beacon, beacon_key): (&Beacon, Option<[u8; 16]>),
-        outlet: Rc<Outlet>,
-    ) -> Self {
-        let (world, air, beacon) = (world.clone(), air.clone(), beacon.clone());
-        let node = Self { world, air, beacon, beacon_key, outlet, task: RefCell::new(None) };
-        node.switch_on();
-        node
-    }
-
-    /// Applies a fault to the beacon.
-    pub(super) fn suffer(&self, fault: FaultKind) {
-        match fault {
-            FaultKind::Off => self.switch_off(),
-            FaultKind::On => self.switch_on(),
-            FaultKind::Reset => {
-                self.switch_off();
-                self.switch_on();
-            }
-        }
-    }
-
-    fn switch_off(&self) {
-        if let Some(task) = self.task.take() {
-            self.world.abort(task);
-        }
-    }
-
-    fn switch_on(&self) {
-        if self.task.borrow().is_none() {
-            let (air, world, beacon) = (self.air.clone(), self.world.clone(), self.beacon.clone());
-            let (outlet, key) = (self.outlet.clone(), self.beacon_key);
-            let task = self.world.spawn(async move {
-                live(&air, &world, (&beacon, key), &outlet).await;
-            });
-            *self.task.borrow_mut() = Some(task);
-        }
-    }
+) -> BluetoothNode {
+    let (around, beacon) = ((world.clone(), air.clone()), beacon.clone());
+    BluetoothNode::start(world, move || live(around.clone(), beacon.clone(), beacon_key, outlet.clone()))
 }
 
 async fn live(
-    air: &Bluetooth,
-    world: &World,
-    (beacon, beacon_key): (&Beacon, Option<[u8; 16]>),
-    outlet: &Outlet,
+    (world, air): (World, Bluetooth),
+    beacon: Beacon,
+    beacon_key: Option<[u8; 16]>,
+    outlet: Rc<Outlet>,
 ) -> Infallible {
     let number = beacon.address.into();
     let sender = Sender::new(air.medium(), world.seed(), number, beacon.at, beacon.rssi_1m_dbm);
@@ -117,7 +74,7 @@ async fn live(
         Format::Ibeacon => {
             let [low, high] = beacon.address.to_le_bytes();
             let reporter = outlet.boot(None);
-            let (record, eui) = (Ok(Scenario::beacon_record(beacon, beacon_key)), eui(beacon.address));
+            let (record, eui) = (Ok(Scenario::beacon_record(&beacon, beacon_key)), eui(beacon.address));
             // A beacon sends no frames that have codes.
             let cipher = Cipher { seed: 0, make_code: software_code };
             let start = Start { record, eui, reset: ResetCause::PowerOn, crash: None, cipher };

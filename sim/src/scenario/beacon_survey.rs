@@ -9,9 +9,8 @@ use embassy_futures::block_on;
 use firmware_tag::scan::Scanner;
 use wire::ble::Advertised;
 
-use super::beacon::BeaconNode;
 use super::telemetry::Outlet;
-use super::{Beacon, Scenario};
+use super::{Beacon, Scenario, beacon};
 use crate::air::Path;
 use crate::bluetooth::{Bluetooth, BluetoothConfig};
 use crate::{AirConfig, TrueTime, World};
@@ -38,7 +37,7 @@ pub fn survey(scenario: &Scenario, places: &[[f64; 3]], seconds: f64) -> Vec<Sur
     let (of, log) = (Rc::new(scenario.clone()), Rc::default());
     let start = |beacon: &Beacon| {
         let outlet = Outlet::new((beacon.address, false), &world, &of, &log);
-        BeaconNode::start(&world, &air, (beacon, scenario.beacon_key), outlet)
+        beacon::start((&world, &air), beacon, scenario.beacon_key, outlet)
     };
     let _beacons: Vec<_> = scenario.beacons.iter().map(start).collect();
     let heard: Rc<RefCell<Vec<SurveySample>>> = Rc::default();

@@ -4,7 +4,7 @@ use baliza_dw1000::driver::DEFAULT_ANTENNA_DELAY;
 use wire::config::{Calibration, Identity, Invalid, MAX_ANCHORS, MAX_BEACONS, Mode, Network, Record, Role, Solver};
 
 use super::beacon::listed;
-use super::{Anchor, Beacon, Fidelity, NETWORK, Scenario, Tag};
+use super::{Anchor, Beacon, Fidelity, NETWORK, Scanner, Scenario, Tag};
 
 /// The EUI-64 in the chip of the node with this short address. A record without an identity takes both from the chip.
 pub(super) fn eui(address: u16) -> u64 {
@@ -45,6 +45,12 @@ impl Scenario {
     /// The config record of a beacon. Its UWB settings are not used.
     pub(super) fn beacon_record(beacon: &Beacon, beacon_key: Option<[u8; 16]>) -> Record {
         Record { beacon_key, ..record(NETWORK, Role::Advertiser(beacon.advertiser), None) }
+    }
+
+    /// The config record of a scanner, which knows every beacon. Its UWB settings are not used.
+    pub(super) fn scanner_record(scanner: &Scanner, beacon_key: Option<[u8; 16]>) -> Record {
+        let identity = Identity { address: Some(scanner.address), ..Identity::default() };
+        Record { identity, beacon_key, ..record(NETWORK, Role::Scanner, None) }
     }
 
     /// Checks that every node can follow its record.

@@ -74,6 +74,7 @@ impl Scenario {
             walls: Vec::new(),
             bluetooth: BluetoothConfig::default(),
             beacons: Vec::new(),
+            scanners: Vec::new(),
             anchors: Vec::new(),
             listed_anchors: Vec::new(),
             tags: Vec::new(),
@@ -95,6 +96,7 @@ impl Scenario {
                     network: room,
                     at: place,
                     gateway: false,
+                    wifi: false,
                     board: None,
                     antenna_delay_ticks: None,
                 });
@@ -106,6 +108,7 @@ impl Scenario {
                     network: room,
                     settings: settings.clone(),
                     blinks: false,
+                    wifi: false,
                     walk: walk(corner, number),
                     board: None,
                     antenna_delay_ticks: None,

@@ -1,7 +1,7 @@
 //! Scenarios: a floor plan, anchors, beacons, tags on their paths, and faults; and whole nodes that run in them.
 //!
 //! A scenario comes from a site's file ([`Scenario::parse`], crate `site`) or from [`Scenario::rooms`]. A [`Simulation`] runs it with
-//! the unchanged apps of `firmware-tag`, `firmware-anchor` and `firmware-beacon`. Each node starts with its config
+//! the unchanged apps of `firmware-tag`, `firmware-anchor`, `firmware-beacon` and `firmware-scanner`. Each node starts with its config
 //! record, as a board does, and reports telemetry, which becomes [`Record`]s beside the true values. Equal scenarios
 //! with equal seeds yield equal records.
 
@@ -10,6 +10,7 @@ mod airtime;
 mod attacker;
 mod beacon;
 mod beacon_survey;
+mod bluetooth_node;
 mod carrying;
 mod config;
 mod default_walk;
@@ -22,6 +23,7 @@ mod node;
 mod of_site;
 mod record;
 mod run;
+mod scanning;
 mod telemetry;
 mod uplink;
 
@@ -45,6 +47,7 @@ pub use record::{
     BluetoothSummary, Cover, DifferenceRecord, RangeRecord, Record, SimulatedEpoch, Source, Summary, Unrounded, What,
 };
 pub use run::Simulation;
+pub use scanning::Scanner;
 pub use site::{AirModel, Carrier, FaultKind, Fidelity, Format, LISTENING, SIMULATED_NETWORK as NETWORK};
 
 /// What is simulated.
@@ -78,6 +81,8 @@ pub struct Scenario {
     pub bluetooth: BluetoothConfig,
     /// The beacons.
     pub beacons: Vec<Beacon>,
+    /// The scanners, which receive the beacons.
+    pub scanners: Vec<Scanner>,
     /// The anchors.
     pub anchors: Vec<Anchor>,
     /// What tags are told of anchors that do not send their positions, or send wrong ones.
@@ -100,10 +105,20 @@ impl Scenario {
         }
     }
 
-    /// Whether a node has a cable to a host: where some anchors have one, no other node has.
-    pub fn has_cable(&self, address: u16) -> bool {
+    /// Whether a host reads what a node reports: where anchors are gateways, only those, scanners, and tags with Wi-Fi have
+    /// one.
+    pub fn has_host(&self, address: u16) -> bool {
         let mut gateways = self.anchors.iter().filter(|anchor| anchor.gateway).peekable();
-        gateways.peek().is_none() || gateways.any(|anchor| anchor.address == address)
+        gateways.peek().is_none()
+            || gateways.any(|anchor| anchor.address == address)
+            || self.has_wifi(address)
+            || self.scanners.iter().any(|scanner| scanner.address == address)
+    }
+
+    /// Whether a node has Wi-Fi.
+    pub fn has_wifi(&self, address: u16) -> bool {
+        self.anchors.iter().any(|anchor| anchor.wifi && anchor.address == address)
+            || self.tags.iter().any(|tag| tag.wifi && tag.address == address)
     }
 
     /// Changes what the records of all tags say.
@@ -166,8 +181,10 @@ pub struct Anchor {
     pub network: usize,
     /// Its true position, metres. Its config record has [`Scenario::surveyed_m`].
     pub at: [f64; 3],
-    /// Whether it has a cable to a host: see [`Scenario::has_cable`].
+    /// Whether it reaches a host, by a cable or by Wi-Fi: see [`Scenario::has_host`].
     pub gateway: bool,
+    /// Whether it has Wi-Fi, whose interrupts are charged.
+    pub wifi: bool,
     /// Its board, if it is not the default board.
     pub board: Option<BoardProfile>,
     /// The true delay between its chip and its antenna, ticks in each direction, which its record does not have; if it
@@ -186,6 +203,8 @@ pub struct Tag {
     pub settings: TagSettings,
     /// Whether it blinks instead of ranging.
     pub blinks: bool,
+    /// Whether it has Wi-Fi, whose interrupts are charged.
+    pub wifi: bool,
     /// Its path.
     pub walk: Walk,
     /// Its board, if it is not the default board.

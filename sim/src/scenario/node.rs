@@ -66,6 +66,14 @@ impl App {
         wire::config::decode(&self.page).map(|(record, _)| record)
     }
 
+    /// Starts the interrupts of Wi-Fi, if the node has it. They have the highest priority.
+    fn join_wifi(&self, processor: &Processor) {
+        if self.scenario.has_wifi(self.address) {
+            let random = stream(self.world.seed(), Purpose::Interrupts, self.address.into());
+            processor.interfere(self.world.now(), Some(processor.board().wifi), random);
+        }
+    }
+
     /// As a board draws it at each start.
     fn cipher(&self) -> Cipher {
         let drawn: u64 = stream(self.world.seed(), Purpose::Keys, self.address.into()).random();
@@ -117,6 +125,7 @@ impl Firmware for AnchorApp {
         processor: Processor,
     ) -> impl Future<Output = Infallible> + 'static {
         let reporter = self.0.outlet.boot(Some(processor.clone()));
+        self.0.join_wifi(&processor);
         async move {
             let (hello, followed) = self.0.start(&reporter, wire::telemetry::Role::Anchor);
             let ranging = async {
@@ -330,6 +339,7 @@ impl Firmware for TagApp {
         processor: Processor,
     ) -> impl Future<Output = Infallible> + 'static {
         let reporter = self.app.outlet.boot(Some(processor.clone()));
+        self.app.join_wifi(&processor);
         async move {
             let (hello, followed) = self.app.start(&reporter, wire::telemetry::Role::Tag);
             let life = async {

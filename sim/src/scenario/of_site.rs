@@ -6,7 +6,7 @@ use site::{NodeSimulation, Purpose, Sensor, SimulatedBoard, Site, SiteError};
 use wire::config::{Advertiser, Board, Identity, Role};
 
 use super::default_walk::Landmarks;
-use super::{Anchor, Attacker, Beacon, Fault, Format, Motion, MotionSensor, Scenario, Tag, TagSettings, Walk};
+use super::{Anchor, Attacker, Beacon, Fault, Format, Motion, MotionSensor, Scanner, Scenario, Tag, TagSettings, Walk};
 use crate::air::{Material, Wall};
 use crate::bluetooth::BluetoothConfig;
 use crate::board::BoardProfile;
@@ -62,6 +62,7 @@ impl Scenario {
             walls: simulation.walls.iter().map(wall).collect(),
             bluetooth: bluetooth(&simulation.bluetooth),
             beacons: Vec::new(),
+            scanners: Vec::new(),
             anchors: Vec::new(),
             listed_anchors: site.listed_anchors.clone(),
             tags: Vec::new(),
@@ -69,10 +70,10 @@ impl Scenario {
             attackers: Vec::new(),
         };
         let has = |of: fn(&Role) -> bool| site.nodes.iter().any(|node| of(&node.record.role));
-        let has_tag = has(|role| matches!(role, Role::Tag(_)));
+        let has_tag = has(|role| matches!(role, Role::Tag(_) | Role::Scanner));
         let is_listed = !site.lists.anchors.is_empty() || !site.lists.beacons.is_empty();
-        if !has_tag || !is_listed && !has(|role| !matches!(role, Role::Tag(_))) {
-            let missing = if has_tag { "\"anchor\" or \"beacon\"" } else { "\"tag\"" };
+        if !has_tag || !is_listed && !has(|role| !matches!(role, Role::Tag(_) | Role::Scanner)) {
+            let missing = if has_tag { "\"anchor\" or \"beacon\"" } else { "\"tag\" or \"scanner\"" };
             return Err(SiteError::whole(format!("a simulation needs at least one [[node]] with role = {missing}")));
         }
         let mut listed = HashSet::new();
@@ -80,6 +81,11 @@ impl Scenario {
             match node.record.role {
                 Role::Anchor { .. } => scenario.add_anchor(node, simulation)?,
                 Role::Advertiser(advertiser) => scenario.add_beacon(node, advertiser, &mut listed)?,
+                Role::Scanner => scenario.scanners.push(Scanner {
+                    address: address(node.record.identity),
+                    at: position(node)?,
+                    path_loss: [node.rssi_1m_dbm, node.path_loss_exponent],
+                }),
                 Role::Tag(_) => {}
             }
         }
@@ -106,7 +112,8 @@ impl Scenario {
             address: address(node.record.identity),
             network: node.simulation.network,
             at: position(node)?,
-            gateway: node.simulation.gateway,
+            gateway: node.simulation.gateway || node.wifi.is_some(),
+            wifi: node.wifi.is_some(),
             board: own_board(node, simulation),
             antenna_delay_ticks: node.simulation.true_antenna_delay_ticks,
         });
@@ -129,6 +136,7 @@ impl Scenario {
             network,
             settings: TagSettings { record: settings, ..TagSettings::default() },
             blinks: node.record.network.mode == wire::config::Mode::Blink,
+            wifi: node.wifi.is_some(),
             walk: walk.leaving_at(*leaves_s),
             board: own_board(node, simulation),
             antenna_delay_ticks: node.simulation.true_antenna_delay_ticks,
@@ -197,6 +205,7 @@ impl Scenario {
                 network: 0,
                 at,
                 gateway: false,
+                wifi: false,
                 board: None,
                 antenna_delay_ticks: None,
             });
@@ -359,7 +368,7 @@ mod tests {
         assert_eq!(scenario.networks, [NETWORK, Network { pan: 0xBA13, phy, ..NETWORK }]);
         assert_eq!((scenario.board, scenario.method), (BoardProfile::DWM1001, None));
         assert_eq!(scenario.anchors[2].board, Some(BoardProfile::ESP32C3.slowed(4.0)));
-        assert_eq!([1, 2, 3, 0x1001].map(|address| scenario.has_cable(address)), [false, false, true, false]);
+        assert_eq!([1, 2, 3, 0x1001].map(|address| scenario.has_host(address)), [false, false, true, false]);
         assert_eq!(scenario.tags[0].data_every_s, Some(1.0));
         let tag = scenario.tags[0].settings.record;
         let scan = Some(Scan { interval_ms: 1000, window_ms: 1000 });

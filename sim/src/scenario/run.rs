@@ -6,14 +6,14 @@ use std::rc::Rc;
 
 use super::airtime::Airtime;
 use super::attacker;
-use super::beacon::BeaconNode;
+use super::bluetooth_node::BluetoothNode;
 use super::carrying::Feeling;
 use super::draw::{Draw, Drawn};
 use super::hardware::Hardware;
 use super::node::{AnchorApp, Ears, TagApp};
 use super::record::{BluetoothSummary, Record, Summary};
 use super::telemetry::{Log, Outlet};
-use super::{FaultKind, Inspection, Scenario, Tag};
+use super::{FaultKind, Inspection, Scenario, Tag, beacon, scanning};
 use crate::air::{Path, PortId, Sniffed};
 use crate::bluetooth::Bluetooth;
 use crate::board::BoardProfile;
@@ -42,6 +42,25 @@ pub struct Simulation {
     settled: HashMap<u16, (Draw, usize)>,
 }
 
+/// Starts the nodes that only have Bluetooth.
+fn on_bluetooth(
+    world: &World,
+    scenario: &Scenario,
+    air: Option<&Bluetooth>,
+    outlet: &mut dyn FnMut((u16, bool)) -> Rc<Outlet>,
+) -> HashMap<u16, BluetoothNode> {
+    let Some(air) = air else { return HashMap::new() };
+    let (around, key) = ((world, air), scenario.beacon_key);
+    let mut nodes = HashMap::new();
+    for beacon in &scenario.beacons {
+        nodes.insert(beacon.address, beacon::start(around, beacon, key, outlet((beacon.address, false))));
+    }
+    for scanner in &scenario.scanners {
+        nodes.insert(scanner.address, scanning::start(around, scanner, key, outlet((scanner.address, false))));
+    }
+    nodes
+}
+
 impl Simulation {
     /// A scenario at its beginning: all nodes are switched on now.
     pub fn new(scenario: Scenario) -> Self {
@@ -64,13 +83,7 @@ impl Simulation {
         let mut outlets = BTreeMap::new();
         let mut outlet =
             |of: (u16, bool)| outlets.entry(of.0).or_insert(Outlet::new(of, &world, &scenario, &log)).clone();
-        let mut beacons = HashMap::new();
-        for beacon in &scenario.beacons {
-            if let Some(air) = &bluetooth {
-                let known = (beacon, scenario.beacon_key);
-                beacons.insert(beacon.address, BeaconNode::start(&world, air, known, outlet((beacon.address, false))));
-            }
-        }
+        let on_bluetooth = on_bluetooth(&world, &scenario, bluetooth.as_ref(), &mut outlet);
         let mut nodes = HashMap::new();
         for anchor in &scenario.anchors {
             let app = AnchorApp::new(&world, &scenario, anchor, outlet((anchor.address, false)));
@@ -112,7 +125,7 @@ impl Simulation {
         for attacker in scenario.attackers.iter().enumerate() {
             attacker::start(&world, &scenario, attacker, &log.borrow().attack);
         }
-        let (nodes, sensors, beacons, outlets) = (Rc::new(nodes), Rc::new(sensors), Rc::new(beacons), Rc::new(outlets));
+        let (nodes, sensors, outlets) = (Rc::new(nodes), Rc::new(sensors), Rc::new(outlets));
         let simulation = Self {
             world,
             scenario,
@@ -125,14 +138,14 @@ impl Simulation {
             airtime,
             settled: HashMap::new(),
         };
-        simulation.schedule_faults(&beacons);
+        simulation.schedule_faults(&Rc::new(on_bluetooth));
         simulation
     }
 
     /// Lets the faults happen at their times.
-    fn schedule_faults(&self, beacons: &Rc<HashMap<u16, BeaconNode>>) {
+    fn schedule_faults(&self, on_bluetooth: &Rc<HashMap<u16, BluetoothNode>>) {
         for &fault in &self.scenario.faults {
-            let (nodes, beacons, outlets) = (self.nodes.clone(), beacons.clone(), self.outlets.clone());
+            let (nodes, on_bluetooth, outlets) = (self.nodes.clone(), on_bluetooth.clone(), self.outlets.clone());
             let sensors = self.sensors.clone();
             self.world.at(TrueTime::from_secs_f64(fault.at_s), move |_| {
                 if let Some(outlet) = outlets.get(&fault.node) {
@@ -149,8 +162,8 @@ impl Simulation {
                         FaultKind::Reset => {}
                     }
                 }
-                if let Some(beacon) = beacons.get(&fault.node) {
-                    beacon.suffer(fault.what);
+                if let Some(node) = on_bluetooth.get(&fault.node) {
+                    node.suffer(fault.what);
                 }
             });
         }

@@ -68,7 +68,7 @@ pub(super) struct Outlet {
     world: World,
     scenario: Rc<Scenario>,
     log: Rc<RefCell<Log>>,
-    has_cable: bool,
+    has_host: bool,
     /// Whether it is a tag that tells its positions in its polls.
     tells_position: bool,
     /// The reporter of the node's present run, and the time of its start, microseconds.
@@ -136,7 +136,7 @@ impl Outlet {
             world: world.clone(),
             scenario: scenario.clone(),
             log: log.clone(),
-            has_cable: scenario.has_cable(node),
+            has_host: scenario.has_host(node),
             tells_position,
             life: RefCell::default(),
             reported_s: RefCell::default(),
@@ -158,7 +158,7 @@ impl Outlet {
             let now = world.now();
             micros(processor.as_ref().map_or(now, |processor| processor.settle(now))).saturating_sub(boot_us)
         })));
-        reporter.host.set(self.has_cable);
+        reporter.host.set(self.has_host);
         *self.life.borrow_mut() = Some((reporter.clone(), boot_us));
         *self.round.borrow_mut() = Round::default();
         self.log.borrow_mut().uplink.restart(self.node);
@@ -237,15 +237,15 @@ impl Outlet {
             Message::State(State { is: Condition::Joined(_), .. }) => {
                 self.log.borrow_mut().joined_s.entry(self.node).or_insert(t_s);
             }
-            Message::TagFix(told) if self.has_cable => {
+            Message::TagFix(told) if self.has_host => {
                 if let Some(fix) = told.fix() {
                     self.log.borrow_mut().uplink.arrived(told.tag, fix.round, t_s);
                 }
             }
-            Message::TagData(told) if self.has_cable => {
+            Message::TagData(told) if self.has_host => {
                 self.log.borrow_mut().uplink.data_arrived(told.tag, told.number);
             }
-            Message::Arrival(arrival) if self.has_cable => {
+            Message::Arrival(arrival) if self.has_host => {
                 self.log.borrow_mut().blinks.take(t_s, t_s, self.node, &arrival);
             }
             _ => {}

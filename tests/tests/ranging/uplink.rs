@@ -152,13 +152,13 @@ fn anchors_pass_positions_on_through_four_halls_to_the_one_with_a_cable() {
     for key in ["", "[network]\nkey = \"8f3a11c20b6e4d57a9e0c1d2b3f40617\"\n"] {
         let (scenario, records, summary) = halls(60.0, key);
         // A tag tells its position a second later, in its next poll.
-        let (found, told) = arrived(&records, (10.0, 56.0), |node| scenario.has_cable(node));
+        let (found, told) = arrived(&records, (10.0, 56.0), |node| scenario.has_host(node));
         assert!(found > 1_300 && told as f64 > 0.985 * found as f64, "{told} of {found}");
         // In the first seconds the halls have coordinators of their own, and nobody knows a way: 5 % of a minute's positions.
         assert!(summary.uplink_share > Some(0.93) && summary.uplink_p99_s < Some(3.5), "{summary:?}");
         let (mut relayed, mut doubled) = (0, 0);
         let mut reported = HashSet::new();
-        for record in records.iter().filter(|record| scenario.has_cable(record.node)) {
+        for record in records.iter().filter(|record| scenario.has_host(record.node)) {
             let What::Message(Message::TagFix(told)) = record.what else { continue };
             doubled += usize::from(!reported.insert((told.tag, told.round)));
             relayed += usize::from(told.age_us > 0);

@@ -44,6 +44,8 @@ pub struct BoardSpec {
     pub memory: Memory,
     /// Whether it has Bluetooth, so that a tag can scan.
     pub has_bluetooth: bool,
+    /// Whether it has Wi-Fi, so that it can reach a station without a cable.
+    pub has_wifi: bool,
     /// Whether there is a beacon image for it.
     pub advertises: bool,
     /// What its radio can do.
@@ -131,6 +133,7 @@ const DWM1001: BoardSpec = BoardSpec {
     pages: Pages { base: 0, offsets: [0x7E000, 0x7F000], size: 4096, models: Some(0x7C000) },
     memory: Memory { image_origin: Some(0), flash: &[(0, 496 << 10)], ram: (0x2000_0000, 64 << 10), other_ram: &[] },
     has_bluetooth: true,
+    has_wifi: false,
     advertises: false,
     radio: DW1000,
     pins: None,
@@ -149,6 +152,7 @@ const EVK1000: BoardSpec = BoardSpec {
         other_ram: &[],
     },
     has_bluetooth: false,
+    has_wifi: false,
     advertises: false,
     radio: DW1000,
     pins: None,
@@ -181,6 +185,7 @@ const ESP32_C3: BoardSpec = BoardSpec {
         other_ram: &[(0x4037_C000, 400 << 10), (0x5000_0000, 8 << 10)],
     },
     has_bluetooth: true,
+    has_wifi: true,
     advertises: true,
     radio: DW1000,
     pins: Some(PinChoice {
@@ -237,6 +242,7 @@ const SIMULATED: BoardSpec = BoardSpec {
     pages: Pages { base: 0, offsets: [0, 4096], size: 4096, models: None },
     memory: Memory { image_origin: Some(0), flash: &[(0, 4 << 20)], ram: (0x2000_0000, 4 << 20), other_ram: &[] },
     has_bluetooth: false,
+    has_wifi: false,
     advertises: false,
     radio: DW1000,
     pins: None,

@@ -11,6 +11,7 @@ mod record;
 mod region;
 mod store;
 mod validate;
+mod wifi_settings;
 
 pub use board::{Board, BoardSpec, Flasher, Memory, Pages, PinChoice};
 pub use models::{
@@ -20,6 +21,7 @@ pub use page::{HEADER_BYTES, LoadError, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode
 pub use record::*;
 pub use store::{Next, StoreError, load, load_model, model_of, newest, next, store};
 pub use validate::{Invalid, Value};
+pub use wifi_settings::{WIFI_AT, WIFI_BYTES, WIFI_VERSION, Wifi, WifiKey, encode_wifi, load_wifi, wifi_of};
 
 /// The newest version of config records. Older ones, from 1 on, can also be read.
 pub const VERSION: u8 = 4;

@@ -11,6 +11,7 @@
 //! | 16 | … | the record in postcard |
 //!
 //! | 1280 | 400 | [`MODEL_AT`]: a tag's trained classifier of line of sight, with its own checksum, or erased |
+//! | 1680 | 240 | [`WIFI_AT`](crate::config::WIFI_AT): how a node with Wi-Fi reaches its station, with its own checksum, or erased |
 //!
 //! Version 2 is version 1 with [`Appended`] after the record's fields, and zeros for a reply delay that is not pinned.
 //! Version 3 is version 2 with [`Limits`] after that, and version 4 is version 3 with the network's key after that (16
@@ -52,7 +53,7 @@ impl Appended {
         let region = record.network.region;
         match &record.role {
             Role::Tag(tag) => Self { region, solver: tag.solver, scheme: tag.scheme },
-            Role::Anchor { position_m: _ } | Role::Advertiser(_) => Self { region, ..Self::default() },
+            Role::Anchor { position_m: _ } | Role::Advertiser(_) | Role::Scanner => Self { region, ..Self::default() },
         }
     }
 
@@ -60,7 +61,7 @@ impl Appended {
         record.network.region = self.region;
         match &mut record.role {
             Role::Tag(tag) => (tag.solver, tag.scheme) = (self.solver, self.scheme),
-            Role::Anchor { position_m: _ } | Role::Advertiser(_) => (),
+            Role::Anchor { position_m: _ } | Role::Advertiser(_) | Role::Scanner => (),
         }
     }
 }

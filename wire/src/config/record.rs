@@ -58,6 +58,9 @@ pub enum Role {
     },
     /// Advertises.
     Advertiser(Advertiser),
+    /// Receives what beacons advertise, and tells a station. It has no UWB chip. An image that does not know this role takes a
+    /// record with it for a damaged one.
+    Scanner,
 }
 
 /// How a tag works.

@@ -5,10 +5,10 @@ use crate::config::validate::{ensure, integer};
 use crate::config::{Invalid, Mode, Record, Region, Role};
 
 impl Record {
-    /// Whether the node ever transmits on UWB: beacons transmit on Bluetooth, and some tags only listen.
+    /// Whether the node ever transmits on UWB: beacons and scanners use Bluetooth, and some tags only listen.
     pub fn transmits(&self) -> bool {
         match (&self.role, self.network.mode) {
-            (Role::Advertiser(_), _) | (Role::Tag(_), Mode::Listening { rounds_chz: _ }) => false,
+            (Role::Advertiser(_) | Role::Scanner, _) | (Role::Tag(_), Mode::Listening { rounds_chz: _ }) => false,
             (Role::Tag(_), Mode::Native | Mode::Blink | Mode::DecaRanging { fast: _ })
             | (Role::Anchor { position_m: _ }, _) => true,
         }

@@ -55,10 +55,15 @@ pub fn load_model<'b>(
     pages: [u32; 2],
     model: &'b mut [u8; MODEL_BYTES],
 ) -> Result<Option<&'b [u8]>, LoadError> {
-    let mut buffer = [0; MAX_BYTES];
-    let which = later(survey(flash, pages, &mut buffer))?;
-    flash.read(pages[which] + MODEL_AT as u32, model).map_err(|_| LoadError::Corrupt)?;
+    let page = page_in_force(flash, pages)?;
+    flash.read(page + MODEL_AT as u32, model).map_err(|_| LoadError::Corrupt)?;
     Ok(model.iter().any(|byte| *byte != 0xFF).then_some(model))
+}
+
+/// The page of the config record in force, whatever its version.
+pub(super) fn page_in_force(flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Result<u32, LoadError> {
+    let mut buffer = [0; MAX_BYTES];
+    later(survey(flash, pages, &mut buffer)).map(|which| pages[which])
 }
 
 /// The same for a page in memory, or for the part of its beginning that was read.

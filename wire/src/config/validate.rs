@@ -158,6 +158,10 @@ impl Record {
                 let must = "on an ESP32: no other board has an image of a beacon";
                 ensure(board.advertises, "beacon.minor", integer(beacon.minor), must)
             }
+            Role::Scanner => {
+                let must = "on an ESP32: no other board has an image of a scanner";
+                ensure(board.has_wifi, "role", Value::Word(words("scanner")), must)
+            }
             Role::Tag(Tag { scan: None, .. }) | Role::Anchor { position_m: _ } => Ok(()),
         }
     }
@@ -196,7 +200,7 @@ impl Record {
                 ensure(is_given, "tag.rate_hz", Value::Absent, "given in mode \"blink\"")?;
                 self.validate_solver(tag.solver)
             }
-            Role::Anchor { position_m: None } => Ok(()),
+            Role::Anchor { position_m: None } | Role::Scanner => Ok(()),
             Role::Anchor { position_m: Some(position_m) } => {
                 place(position_m, FARTHEST_ON_AIR_M, "anchor.position_m", "finite and within 8388 m of the origin")
             }

@@ -102,8 +102,11 @@ fn takes(elf: &File<'_>, memory: Memory) -> Takes {
     let sections = elf.sections().filter(|section| is_loaded(section.flags()) && in_ram(section.address()));
     // A section that only reserves the stack is not a variable.
     let ram = sections.filter(|section| section.name() != Ok(".stack")).map(|section| section.size()).sum();
-    let heaps = elf.symbols().filter(|symbol| symbol.name().is_ok_and(|name| name.contains("HEAP")));
-    let heap = heaps.filter(|symbol| in_ram(symbol.address())).map(|symbol| symbol.size()).max();
+    // The allocator itself has this name, too.
+    let is_heap = |name: &str, bytes: u64| name.contains("HEAP") && bytes > 1024;
+    let heaps = elf.symbols().filter(|symbol| symbol.name().is_ok_and(|name| is_heap(name, symbol.size())));
+    let heaps: Vec<_> = heaps.filter(|symbol| in_ram(symbol.address())).map(|symbol| symbol.size()).collect();
+    let heap = (!heaps.is_empty()).then(|| heaps.iter().sum());
     let stack = match (address(elf, "_stack_start_cpu0"), address(elf, "_stack_end_cpu0")) {
         (Some(top), Some(bottom)) => top.saturating_sub(bottom),
         _ => ram_bytes.saturating_sub(ram),

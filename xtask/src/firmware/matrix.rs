@@ -66,9 +66,9 @@ pub struct NodeImage {
 }
 
 impl NodeImage {
-    /// Whether it ranges: a beacon's does not.
+    /// Whether it ranges: those of a beacon and of a scanner do not.
     pub fn ranges(&self) -> bool {
-        self.binary != "beacon"
+        !["beacon", "scanner"].contains(&&*self.binary)
     }
 }
 
@@ -161,7 +161,7 @@ pub fn images() -> Result<Vec<NodeImage>> {
             Platform::Board(board) => Board::HARDWARE.iter().position(|other| *other == board),
             Platform::Qemu(_) => None,
         };
-        let role = ["anchor", "tag", "beacon"].iter().position(|role| *role == image.binary);
+        let role = ["anchor", "tag", "beacon", "scanner"].iter().position(|role| *role == image.binary);
         (board.is_none(), role, board)
     };
     images.sort_by_key(rank);

@@ -17,7 +17,7 @@ pub enum CratePurpose {
 }
 
 /// The purpose of each folder. The longest name that fits counts.
-pub const PURPOSES: [(&str, CratePurpose); 21] = [
+pub const PURPOSES: [(&str, CratePurpose); 23] = [
     ("positioning-core/", CratePurpose::Nodes),
     ("radio/", CratePurpose::Nodes),
     ("dw1000/", CratePurpose::Nodes),
@@ -27,6 +27,8 @@ pub const PURPOSES: [(&str, CratePurpose); 21] = [
     ("firmware-tag/", CratePurpose::Nodes),
     ("firmware-anchor/", CratePurpose::Nodes),
     ("firmware-beacon/", CratePurpose::Nodes),
+    ("firmware-gateway/", CratePurpose::Nodes),
+    ("firmware-scanner/", CratePurpose::Nodes),
     ("boards/", CratePurpose::Nodes),
     ("site/", CratePurpose::Host),
     ("host-tools/", CratePurpose::Host),
@@ -54,8 +56,8 @@ pub struct Budget {
 
 /// Lines of code without tests, benches and examples.
 pub const LINES: [(CratePurpose, Budget); 4] = [
-    (CratePurpose::Nodes, Budget { what: "lines: nodes", most: 30_150, reach: 25_000 }),
-    (CratePurpose::Host, Budget { what: "lines: host and station", most: 43_200, reach: 34_000 }),
+    (CratePurpose::Nodes, Budget { what: "lines: nodes", most: 31_000, reach: 25_000 }),
+    (CratePurpose::Host, Budget { what: "lines: host and station", most: 43_400, reach: 34_000 }),
     (CratePurpose::Simulation, Budget { what: "lines: simulation", most: 11_000, reach: 11_000 }),
     (CratePurpose::Tools, Budget { what: "lines: developers' tools", most: 15_400, reach: 10_000 }),
 ];

@@ -23,10 +23,12 @@ async fn ranging(anchor: Anchor<Radio>) {
 
 /// Spawns all tasks. Without a usable record it only spawns the task that reports this.
 fn start(spawner: Spawner) {
-    let Board { uwb, care, start, .. } = Board::take(spawner);
-    let (mut node, configured) = Node::start(&REPORTER, Role::Anchor, start);
+    let board = Board::take(spawner);
+    let (mut node, configured) = Node::start(&REPORTER, Role::Anchor, board.start);
     if let Some(configured) = configured {
-        match uwb.wire(&configured.record) {
+        #[cfg(feature = "wifi")]
+        board.care.gateway.set(board.wifi.start(spawner, &configured.settings));
+        match board.uwb.wire(&configured.record) {
             Ok(uwb) => {
                 let radio = |config| RADIO.init_with(|| uwb.radio(config));
                 if let Some(anchor) = MEMORY.anchor(&mut node, &configured, radio) {
@@ -36,7 +38,7 @@ fn start(spawner: Spawner) {
             Err(what) => node.refuse(&what),
         }
     }
-    spawner.spawn(supervise(node, care).unwrap());
+    spawner.spawn(supervise(node, board.care).unwrap());
 }
 
 baliza_board_esp32::entry!(start);

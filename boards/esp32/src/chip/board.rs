@@ -23,8 +23,11 @@ use crate::{pins, reset_cause};
 // The application descriptor that the second-stage bootloader and espflash look for.
 esp_bootloader_esp_idf::esp_app_desc!();
 
-/// The size of the heap, bytes: for threads' stacks, and for the Bluetooth controller.
+/// The size of the heap, bytes: for threads' stacks, and for the driver of Bluetooth.
 const HEAP_BYTES: usize = if cfg!(feature = "ble") { 80 << 10 } else { 16 << 10 };
+/// What the driver of Wi-Fi has beside it: the memory of the bootloader, which has ended.
+#[cfg(feature = "wifi")]
+const WIFI_HEAP_BYTES: usize = 64_000;
 
 const DEFAULT_PINS: Pins = match BOARD.spec().pins {
     Some(choice) => choice.default,
@@ -46,6 +49,9 @@ pub struct Board {
     /// The chip's radio.
     #[cfg(feature = "ble")]
     pub bluetooth: super::bluetooth::Parts,
+    /// The chip's radio.
+    #[cfg(feature = "wifi")]
+    pub wifi: super::wifi::Parts,
 }
 
 /// The DW1000's parts.
@@ -73,6 +79,8 @@ impl Board {
     pub fn take(spawner: Spawner) -> Self {
         let p = esp_hal::init(esp_hal::Config::default().with_cpu_clock(CpuClock::max()));
         esp_alloc::heap_allocator!(size: HEAP_BYTES);
+        #[cfg(feature = "wifi")]
+        esp_alloc::heap_allocator!(#[esp_hal::ram(reclaimed)] size: WIFI_HEAP_BYTES);
         esp_rtos::start(TimerGroup::new(p.TIMG0).timer0, p.FROM_CPU_INTR0);
         #[cfg(not(feature = "log-serial"))]
         let (telemetry, _) = (log::start(), spawner);
@@ -102,14 +110,23 @@ impl Board {
             crash: crash::take(),
             cipher: cipher::start(p.RNG, p.ADC1),
         };
+        #[cfg(feature = "wifi")]
+        let wifi = wire::config::load_wifi(&mut flash, BOARD.pages().offsets);
         Self {
             uwb: UwbPort(port),
-            care: Care { watchdog: Watchdog::start(p.RTC_TIMER), telemetry },
+            care: Care {
+                watchdog: Watchdog::start(p.RTC_TIMER),
+                telemetry,
+                #[cfg(feature = "wifi")]
+                gateway: None.into(),
+            },
             start,
             flash,
             address,
             #[cfg(feature = "ble")]
             bluetooth: super::bluetooth::Parts(p.BT),
+            #[cfg(feature = "wifi")]
+            wifi: super::wifi::Parts { radio: p.WIFI, settings: wifi },
         }
     }
 }
@@ -126,7 +143,7 @@ pub fn models(flash: &mut FlashStorage<'_>) -> Result<StoredSiteModels<'static>,
     wire::config::load_models(flash, at, BYTES.take())
 }
 
-/// Fills a slice with random bytes. They come from the radio's noise while Bluetooth is on. Without Bluetooth they can
+/// Fills a slice with random bytes. They come from the radio's noise while Bluetooth or Wi-Fi is on. Without them they can
 /// be guessed.
 pub fn random(bytes: &mut [u8]) {
     Rng::new().read(bytes);

@@ -10,6 +10,11 @@ mod watchdog;
 
 #[cfg(feature = "ble")]
 pub mod bluetooth;
+#[cfg(feature = "wifi")]
+pub mod wifi;
+
+#[cfg(feature = "wifi")]
+use core::cell::Cell;
 
 use baliza_dw1000::driver::Dw1000;
 use embassy_executor::Spawner;
@@ -75,11 +80,18 @@ pub fn run(start: fn(Spawner)) -> ! {
 pub struct Care {
     watchdog: Watchdog,
     telemetry: TelemetryChannel,
+    /// The way to a station by Wi-Fi, once it is started.
+    #[cfg(feature = "wifi")]
+    pub gateway: Cell<Option<&'static wifi::Gateway>>,
 }
 
 /// Runs the supervisor: see [`Node::supervise`]. No pin is known to have a light.
 #[embassy_executor::task]
 pub async fn supervise(node: Node, care: Care) {
-    let Care { mut watchdog, telemetry } = care;
+    let mut watchdog = care.watchdog;
+    #[cfg(not(feature = "wifi"))]
+    let telemetry = care.telemetry;
+    #[cfg(feature = "wifi")]
+    let telemetry = wifi::Both { cable: care.telemetry, gateway: care.gateway.get() };
     node.supervise(Delay, telemetry, |_| (), || watchdog.feed(), crash::leave).await;
 }

@@ -66,6 +66,12 @@ pub fn oddities(site: &Site) -> Vec<String> {
             warnings.push(format!("height_m of {} is {height_m}: is it in metres?", node.name));
         }
     }
+    if site.nodes.iter().any(|node| node.wifi.as_ref().is_some_and(|wifi| wifi.key.is_none())) && !site.has_gateways() {
+        warnings.push(
+            "[wifi] has no `gateways`: telemetry goes without a key, and a station takes that with --open-udp only"
+                .to_owned(),
+        );
+    }
     for node in &site.nodes {
         if let Role::Advertiser(beacon) = &node.record.role
             && beacon.measured_power_dbm > 0
@@ -103,7 +109,7 @@ fn is_own_mode(mode: Mode) -> bool {
 fn tag(node: &Node) -> Option<&Tag> {
     match &node.record.role {
         Role::Tag(tag) => Some(tag),
-        Role::Anchor { .. } | Role::Advertiser(_) => None,
+        Role::Anchor { .. } | Role::Advertiser(_) | Role::Scanner => None,
     }
 }
 

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use object::elf::{PT_LOAD, SHF_ALLOC};
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Endianness, Object, ObjectSection, ObjectSymbol, SectionFlags};
-use wire::config::{Board, Flasher, Record, Role};
+use wire::config::{Board, Flasher, Role};
+
+use super::Node;
 
 use recording::UserError;
 use recording::{IMAGE_BYTES, read_limited};
@@ -13,6 +15,8 @@ use recording::{IMAGE_BYTES, read_limited};
 /// The crates of the apps, as the symbols of an image have their names.
 const TAG: &str = "firmware_tag";
 const BEACON: &str = "firmware_beacon";
+const SCANNER: &str = "firmware_scanner";
+const GATEWAY: &str = "firmware_gateway";
 
 /// An image's ELF file.
 #[derive(Clone, Debug)]
@@ -28,12 +32,15 @@ pub struct Firmware {
 }
 
 impl Firmware {
-    /// The names of images for a node, the best first: a tag that scans needs Bluetooth.
-    pub fn names(board: Board, record: &Record) -> Vec<String> {
+    /// The names of images for a node, the best first: a tag that scans needs Bluetooth, a node with Wi-Fi needs that.
+    pub fn names(board: Board, node: &Node) -> Vec<String> {
         let name = board.name();
-        match &record.role {
+        match &node.record.role {
+            Role::Anchor { .. } if node.wifi.is_some() => vec![format!("anchor-{name}-wifi.elf")],
+            Role::Tag(_) if node.wifi.is_some() => vec![format!("tag-{name}-wifi.elf")],
             Role::Anchor { .. } => vec![format!("anchor-{name}.elf")],
             Role::Advertiser(_) => vec![format!("beacon-{name}.elf")],
+            Role::Scanner => vec![format!("scanner-{name}.elf")],
             Role::Tag(tag) if tag.scan.is_some() => vec![format!("tag-{name}-ble.elf")],
             Role::Tag(_) => vec![format!("tag-{name}.elf"), format!("tag-{name}-ble.elf")],
         }
@@ -43,8 +50,8 @@ impl Firmware {
     ///
     /// # Errors
     /// None of them has it.
-    pub fn find(folders: &[PathBuf], board: Board, record: &Record) -> Result<PathBuf, UserError> {
-        let names = Self::names(board, record);
+    pub fn find(folders: &[PathBuf], board: Board, node: &Node) -> Result<PathBuf, UserError> {
+        let names = Self::names(board, node);
         let all = names.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
         all.clone().find(|file| file.is_file()).ok_or_else(|| {
             let folders = folders.iter().map(|folder| folder.display().to_string()).collect::<Vec<_>>().join(", ");
@@ -61,9 +68,9 @@ impl Firmware {
     ///
     /// # Errors
     /// The file cannot be read, is no ELF file, or is for another board or role.
-    pub fn read(file: &Path, board: Board, record: &Record) -> Result<Self, UserError> {
+    pub fn read(file: &Path, board: Board, node: &Node) -> Result<Self, UserError> {
         let elf = read_limited(file, IMAGE_BYTES)?;
-        Self::parse(file, elf, board, record).map_err(|what| UserError::file(file, what))
+        Self::parse(file, elf, board, node).map_err(|what| UserError::file(file, what))
     }
 
     /// Whether a bootloader loads it, so that it goes to flash in another format.
@@ -71,7 +78,7 @@ impl Firmware {
         matches!(self.board.spec().flasher, Flasher::Espflash(_))
     }
 
-    fn parse(file: &Path, elf: Vec<u8>, board: Board, record: &Record) -> Result<Self, String> {
+    fn parse(file: &Path, elf: Vec<u8>, board: Board, node: &Node) -> Result<Self, String> {
         let no_elf = |_| "not an ELF file of a 32-bit chip: give the .elf, not a .bin or .hex made of it".to_owned();
         let object = ElfFile32::<Endianness>::parse(&elf[..]).map_err(no_elf)?;
         let memory = board.spec().memory;
@@ -83,13 +90,21 @@ impl Firmware {
             }
         }
         let has = |app: &str| object.symbols().any(|symbol| symbol.name().is_ok_and(|name| name.contains(app)));
-        let other = match &record.role {
-            Role::Tag(_) => [("beacon", BEACON)].into_iter().find(|(_, app)| has(app)),
-            Role::Anchor { .. } => [("tag", TAG), ("beacon", BEACON)].into_iter().find(|(_, app)| has(app)),
-            Role::Advertiser(_) => [("tag", TAG)].into_iter().find(|(_, app)| has(app)),
+        // A scanner is made of parts of a tag, and an anchor of none that others do not have.
+        let apps = [("scanner", SCANNER), ("beacon", BEACON), ("tag", TAG)];
+        let found = apps.into_iter().find(|(_, app)| has(app)).map(|(role, _)| role);
+        let is_right = match &node.record.role {
+            Role::Tag(_) => matches!(found, None | Some("tag")),
+            Role::Anchor { .. } => found.is_none(),
+            Role::Advertiser(_) => matches!(found, None | Some("beacon")),
+            Role::Scanner => found == Some("scanner"),
         };
-        if let Some((role, _)) = other {
-            return Err(format!("an image for a {role}, and the node has another role"));
+        if !is_right {
+            let (role, has) = (found.unwrap_or("node"), "and the node has another role");
+            return Err(format!("an image for a {role}, {has}"));
+        }
+        if node.wifi.is_some() && !has(GATEWAY) {
+            return Err("an image without Wi-Fi, and the node has `wifi = true`".to_owned());
         }
         let endian = object.endian();
         let mut segments = Vec::new();
@@ -110,7 +125,7 @@ impl Firmware {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::provision::{EXAMPLE, Site};
+    use crate::provision::{EXAMPLE, Site, example};
 
     const TAG_SYMBOL: &str = "_ZN12firmware_tag3run17h0E";
     const BEACON_SYMBOL: &str = "_ZN15firmware_beacon3run17h0E";
@@ -176,16 +191,36 @@ mod tests {
         bytes
     }
 
-    fn records() -> [Record; 3] {
-        let site = Site::parse("site.toml".as_ref(), EXAMPLE).expect("the example is right");
-        [0, 4, 5].map(|index| site.nodes[index].record.clone())
+    fn nodes(text: &str) -> Vec<Node> {
+        Site::parse("site.toml".as_ref(), text).expect("a site").nodes
+    }
+
+    /// The first anchor, the tag and the beacon of the example.
+    fn of_the_example() -> [Node; 3] {
+        let nodes = nodes(EXAMPLE);
+        [0, 4, 5].map(|index: usize| nodes[index].clone())
+    }
+
+    fn with_wifi(role: &str) -> Node {
+        let text =
+            "[network]\npan = 1\nregion = \"eu\"\n[wifi]\nssid = \"a\"\nstation = \"b:1\"\n[[node]]\nwifi = true\n";
+        nodes(&format!("{text}role = \"{role}\"\n")).remove(0)
     }
 
     #[test]
     fn an_image_is_refused_for_another_board_or_role() {
-        let [anchor, tag, beacon] = records();
+        let [anchor, tag, beacon] = of_the_example();
         // The DWM1001's flash begins at 0, the EVK1000's at 0x0800_0000, the ESP32-C3's code at 0x4200_0000.
+        let by_wifi = with_wifi("anchor");
         let cases = [
+            (0x4200_0100, "_ZN16firmware_gateway3run17h0E", Board::Esp32C3, &by_wifi, None),
+            (
+                0x4200_0100,
+                "main",
+                Board::Esp32C3,
+                &by_wifi,
+                Some("an image without Wi-Fi, and the node has `wifi = true`"),
+            ),
             (0x100, TAG_SYMBOL, Board::Dwm1001, &tag, None),
             (0x100, "main", Board::Dwm1001, &anchor, None),
             (0x0800_0100, "main", Board::Evk1000, &anchor, None),
@@ -206,8 +241,8 @@ mod tests {
                 Some("an image for a beacon, and the node has another role"),
             ),
         ];
-        for (address, symbol, board, record, refused) in cases {
-            let parsed = Firmware::parse("image.elf".as_ref(), elf(address, symbol), board, record);
+        for (address, symbol, board, node, refused) in cases {
+            let parsed = Firmware::parse("image.elf".as_ref(), elf(address, symbol), board, node);
             let expected =
                 refused.map_or_else(|| Ok(vec![(address as u32, vec![1, 2, 3, 4])]), |what| Err(what.into()));
             assert_eq!(parsed.map(|firmware| firmware.segments), expected, "{symbol} at {address:#x}");
@@ -218,15 +253,13 @@ mod tests {
 
     #[test]
     fn a_tag_that_scans_gets_an_image_with_bluetooth() {
-        let [anchor, tag, beacon] = records();
+        let [anchor, tag, beacon] = of_the_example();
         assert_eq!(Firmware::names(Board::Evk1000, &anchor), ["anchor-evk1000.elf"]);
         assert_eq!(Firmware::names(Board::Esp32C6, &beacon), ["beacon-esp32c6.elf"]);
-        let Role::Tag(settings) = &tag.role else { panic!("the fifth node of the example is a tag") };
-        assert!(settings.scan.is_some());
         assert_eq!(Firmware::names(Board::Dwm1001, &tag), ["tag-dwm1001-ble.elf"]);
-        let mut silent = *settings;
-        silent.scan = None;
-        let silent = Record { role: Role::Tag(silent), ..tag.clone() };
+        let silent = nodes(&example(Some(5))).pop().expect("the tag");
         assert_eq!(Firmware::names(Board::Dwm1001, &silent), ["tag-dwm1001.elf", "tag-dwm1001-ble.elf"]);
+        assert_eq!(Firmware::names(Board::Esp32C3, &with_wifi("tag")), ["tag-esp32c3-wifi.elf"]);
+        assert_eq!(Firmware::names(Board::Esp32C6, &with_wifi("anchor")), ["anchor-esp32c6-wifi.elf"]);
     }
 }

@@ -7,8 +7,8 @@
 use ihex::Record as Hex;
 use positioning_core::nlos::{Classifier, Model, NodeModel};
 use wire::config::{
-    Board, HEADER_BYTES, LoadError, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, decode, encode, model_of, newest,
-    version,
+    Board, HEADER_BYTES, LoadError, MAX_BYTES, MODEL_AT, MODELS_BYTES, Record, WIFI_AT, WIFI_BYTES, Wifi, decode,
+    encode, encode_wifi, model_of, newest, version, wifi_of,
 };
 
 use super::site_models;
@@ -30,6 +30,8 @@ pub struct Contents<'a> {
     pub model: Option<&'a [u8]>,
     /// RSSI models of the site, as `wire::config::encode_models` writes them.
     pub site_models: Option<&'a [u8]>,
+    /// How the node reaches its station by Wi-Fi.
+    pub wifi: Option<&'a Wifi>,
 }
 
 impl Contents<'_> {
@@ -47,6 +49,10 @@ impl Contents<'_> {
         if let Some(model) = self.model {
             page.resize(MODEL_AT, 0xFF);
             page.extend_from_slice(model);
+        }
+        if let Some(wifi) = self.wifi {
+            page.resize(WIFI_AT, 0xFF);
+            page.extend_from_slice(encode_wifi(wifi, &mut [0; WIFI_BYTES]));
         }
         page
     }
@@ -118,6 +124,8 @@ pub struct Held {
     pub model: Option<Vec<u8>>,
     /// RSSI models, valid or not, where the region is not erased.
     pub site_models: Option<Vec<u8>>,
+    /// How the node reaches its station by Wi-Fi.
+    pub wifi: Result<Wifi, LoadError>,
 }
 
 impl Held {
@@ -145,7 +153,7 @@ pub fn held(pages: [&[u8]; 2], site_models: &[u8]) -> Result<Held, LoadError> {
     let site_models = site_models.iter().any(|byte| *byte != 0xFF).then(|| site_models.to_vec());
     let (which, record, sequence) = newest(pages)?;
     let version = version(pages[which])?;
-    Ok(Held { record, version, sequence, model: model(which), site_models })
+    Ok(Held { record, version, sequence, model: model(which), site_models, wifi: wifi_of(pages[which]) })
 }
 
 impl RecordImage {
@@ -204,6 +212,13 @@ impl RecordImage {
             if let Some(Err(fault)) = model_of(page).map(NodeModel::decode) {
                 return Err(format!("page {number} of 2: the record is whole, but beside it is {fault}"));
             }
+            match wifi_of(page) {
+                Ok(_) | Err(LoadError::Missing) => (),
+                Err(_) => {
+                    let what = "damaged settings of Wi-Fi";
+                    return Err(format!("page {number} of 2: the record is whole, but beside it is {what}"));
+                }
+            }
         }
         held.site_models.as_deref().map_or(Ok(()), site_models::check)?;
         Ok(held)
@@ -253,7 +268,7 @@ mod tests {
     }
 
     fn of<'a>(record: &'a Record, model: Option<&'a [u8]>) -> Contents<'a> {
-        Contents { record, model, site_models: None }
+        Contents { record, model, site_models: None, wifi: None }
     }
 
     #[test]
@@ -274,7 +289,14 @@ mod tests {
             assert_eq!(decode(&bytes[size..]), Ok((record(), 1)));
             assert_eq!(
                 RecordImage::new(&bytes).unwrap().check(),
-                Ok(Held { record: record(), version: 2, sequence: 1, model: None, site_models: None })
+                Ok(Held {
+                    record: record(),
+                    version: 2,
+                    sequence: 1,
+                    model: None,
+                    site_models: None,
+                    wifi: Err(LoadError::Missing)
+                })
             );
         }
     }
@@ -325,6 +347,34 @@ mod tests {
             damaged[size + MODEL_AT + 9] ^= 1;
             let said = RecordImage::new(&damaged).unwrap().check().unwrap_err();
             assert_eq!(said, "page 2 of 2: the record is whole, but beside it is a damaged model", "{board:?}");
+        }
+    }
+
+    #[test]
+    fn settings_of_wifi_go_with_a_record_and_its_classifier() {
+        let wifi = Wifi {
+            ssid: "hall".parse().expect("short"),
+            password: "correct horse".parse().expect("short"),
+            host: "192.168.1.20".parse().expect("short"),
+            port: 7000,
+            key: Some(wire::config::WifiKey { gateway: 7, secret: [9; 32] }),
+        };
+        for board in [Board::Esp32C3, Board::Esp32C6, Board::Evk1000] {
+            for model in [None, Some(&[1, 2, 3][..])] {
+                let record = record();
+                let bytes = Contents { wifi: Some(&wifi), ..of(&record, model) }.binary(board);
+                let held = RecordImage::new(&bytes).unwrap().read().unwrap();
+                assert_eq!((&held.record, held.wifi.as_ref()), (&record, Ok(&wifi)), "{board:?}");
+                assert_eq!(held.model.is_some(), model.is_some());
+            }
+            let record = record();
+            let mut damaged = Contents { wifi: Some(&wifi), ..of(&record, None) }.binary(board);
+            damaged[WIFI_AT + 20] ^= 1;
+            let said = RecordImage::new(&damaged).unwrap().check().unwrap_err();
+            assert_eq!(
+                said, "page 1 of 2: the record is whole, but beside it is damaged settings of Wi-Fi",
+                "{board:?}"
+            );
         }
     }
 

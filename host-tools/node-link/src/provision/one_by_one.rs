@@ -226,7 +226,7 @@ mod tests {
         let mut script = Script { seen, said: Vec::new() };
         let mut written = Written::beside(&folder.join("site.toml")).expect("a good file, or none");
         let left = write_all(&mut script, &jobs, &mut written, &mut |flash, job| {
-            let contents = Contents { record: job.record, model: None, site_models: None };
+            let contents = Contents { record: job.record, model: None, site_models: None, wifi: None };
             transfer::write(flash, job.board, &contents).map(drop)
         });
         (left.expect("the desk stays").into_iter().map(str::to_owned).collect(), script.said)

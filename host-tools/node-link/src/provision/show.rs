@@ -3,7 +3,7 @@
 use std::fmt::{Display, Write};
 
 use site::{HIDDEN, mode_name};
-use wire::config::{Advertiser, Anchor, Beacon, Board, Mode, PollContent, Record, Role, Tag, TagArea};
+use wire::config::{Advertiser, Anchor, Beacon, Board, Mode, PollContent, Record, Role, Tag, TagArea, Wifi, WifiKey};
 use wire::telemetry::Address;
 
 use super::SiteNames;
@@ -26,7 +26,13 @@ pub fn toml(held: &Held, board: Option<Board>, keys: Keys, names: &SiteNames) ->
     let mut text =
         Text(format!("# The record of a node: version {}, sequence {}\n\n[network]\n", held.version, held.sequence));
     text.network(record, keys);
+    if let Ok(wifi) = &held.wifi {
+        text.wifi(wifi, keys);
+    }
     text.node(record, board, names);
+    if held.wifi.is_ok() {
+        text.line("wifi", true);
+    }
     if let Some(classifier) = held.classifier() {
         let _ = writeln!(text.0, "# nlos_model: {classifier}");
     }
@@ -90,6 +96,7 @@ pub fn summary(held: &Held) -> String {
             format!("anchor{address} of network 0x{:04X}, its place not surveyed", record.network.pan)
         }
         Role::Advertiser(beacon) => format!("beacon, major {}, minor {}", beacon.major, beacon.minor),
+        Role::Scanner => format!("scanner{address}"),
     };
     let classifier = held.classifier().map_or_else(String::new, |classifier| format!(", with {classifier}"));
     let [map, rooms] = held.map_and_rooms().map(|words| words.is_some());
@@ -99,7 +106,9 @@ pub fn summary(held: &Held) -> String {
         (false, true) => ", with rooms",
         (false, false) => "",
     };
-    format!("{what}{classifier}{site_models}; version {}, sequence {}", held.version, held.sequence)
+    let wifi =
+        held.wifi.as_ref().map_or_else(|_| String::new(), |wifi| format!(", by Wi-Fi to {}:{}", wifi.host, wifi.port));
+    format!("{what}{classifier}{site_models}{wifi}; version {}, sequence {}", held.version, held.sequence)
 }
 
 /// The TOML text.
@@ -155,6 +164,22 @@ impl Text {
         }
     }
 
+    fn wifi(&mut self, wifi: &Wifi, keys: Keys) {
+        let Wifi { ssid, password, host, port, key } = wifi;
+        self.0.push_str("\n[wifi]\n");
+        self.line("ssid", toml::Value::from(ssid.as_str()));
+        match (password.is_empty(), keys) {
+            (true, _) => (),
+            (false, Keys::Shown) => self.line("password", toml::Value::from(password.as_str())),
+            (false, Keys::Hidden) => self.text("password", HIDDEN),
+        }
+        self.text("station", format_args!("{host}:{port}"));
+        if let Some(WifiKey { gateway, secret }) = key {
+            let secret = if keys == Keys::Shown { hex(secret) } else { HIDDEN.to_owned() };
+            let _ = writeln!(self.0, "# of the file of `gateways`: id = \"0x{gateway:016x}\", key = \"{secret}\"");
+        }
+    }
+
     fn node(&mut self, record: &Record, board: Option<Board>, names: &SiteNames) {
         if let Role::Tag(Tag { area: Some(area), .. }) = &record.role {
             self.area(area);
@@ -189,7 +214,7 @@ impl Text {
                 self.tag(tag);
             }
             Role::Anchor { position_m: Some(position_m) } => self.place(*position_m),
-            Role::Anchor { position_m: None } => (),
+            Role::Anchor { position_m: None } | Role::Scanner => (),
             Role::Advertiser(beacon) => self.advertiser(beacon),
         }
     }
@@ -257,6 +282,7 @@ fn role(role: &Role) -> &'static str {
         Role::Tag(_) => "tag",
         Role::Anchor { position_m: _ } => "anchor",
         Role::Advertiser(_) => "beacon",
+        Role::Scanner => "scanner",
     }
 }
 

@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 use ::site::{NodeFiles, Purpose, Receiver, SiteError, SiteFile};
 use positioning_core::geodesy::GeographicOrigin;
 use positioning_core::nlos::{Classifier, NodeModel};
-use wire::config::{Board, Record};
+use wire::config::{Board, Record, WifiKey};
 
 use super::{calibrated, site_models};
+use crate::gateway_key::GatewayKey;
 use analysis::train::Chosen;
+use anyhow::Result;
 use recording::UserError;
 use recording::read_text;
 
@@ -22,6 +24,8 @@ pub struct Site {
     pub receivers: Vec<Receiver>,
     /// Where the frame of the positions is on the earth.
     pub geographic_origin: Option<GeographicOrigin>,
+    /// The file of the gateways' keys.
+    gateways: Option<PathBuf>,
 }
 
 /// A node of a site with its record and with what its files hold.
@@ -74,7 +78,31 @@ impl Site {
             Ok(Node { node, model, site_models, file: file.to_owned() })
         });
         let nodes = nodes.collect::<Result<_, UserError>>()?;
-        Ok(Self { nodes, receivers: site.receivers, geographic_origin: site.geographic_origin })
+        let gateways = site.gateways.map(|name| beside(file, &name));
+        Ok(Self { nodes, receivers: site.receivers, geographic_origin: site.geographic_origin, gateways })
+    }
+
+    /// Gives each node with Wi-Fi its key, from the file of the gateways' keys; those that are not there are made. Returns the
+    /// file with the names of the nodes whose keys were made. A site without such a file has no keys.
+    ///
+    /// # Errors
+    /// The file is wrong, or cannot be made or written.
+    pub fn give_keys(&mut self) -> Result<Option<(&Path, Vec<String>)>> {
+        let Some(file) = self.gateways.as_deref() else { return Ok(None) };
+        let nodes: Vec<_> = self.nodes.iter_mut().filter(|node| node.wifi.is_some()).collect();
+        let names: Vec<_> = nodes.iter().map(|node| node.name.clone()).collect();
+        let (keys, made) = GatewayKey::read_and_make(file, &names)?;
+        for (node, GatewayKey { gateway, secret, .. }) in nodes.into_iter().zip(keys) {
+            if let Some(wifi) = &mut node.node.wifi {
+                wifi.key = Some(WifiKey { gateway, secret });
+            }
+        }
+        Ok(Some((file, made)))
+    }
+
+    /// Whether there is a file of the gateways' keys.
+    pub fn has_gateways(&self) -> bool {
+        self.gateways.is_some()
     }
 
     /// The node with this name, or the only node.

@@ -73,7 +73,7 @@ struct Known {
     /// A beacon's major and minor number: `1-7`.
     #[serde(skip_serializing_if = "Option::is_none")]
     beacon: Option<String>,
-    /// The name of a receiver, which is its key too.
+    /// The name of a receiver, or the address of a scanner: its key, too.
     #[serde(skip_serializing_if = "Option::is_none")]
     receiver: Option<String>,
     /// The position of an anchor, a beacon or a receiver, metres.
@@ -171,7 +171,7 @@ impl SiteNames {
 
     /// The positions of the anchors, metres, by short address.
     pub fn anchors_m(&self) -> BTreeMap<u16, [f64; 3]> {
-        let anchors = self.known.iter().filter(|node| node.beacon.is_none());
+        let anchors = self.known.iter().filter(|node| node.beacon.is_none() && node.receiver.is_none());
         anchors.filter_map(|node| node.address.zip(node.position_m)).collect()
     }
 
@@ -253,7 +253,7 @@ impl SiteNames {
         match (own_address(record), &record.role) {
             (Some(address), _) => self.name(address),
             (None, Role::Advertiser(beacon)) => self.beacon_name(beacon.major, beacon.minor),
-            (None, Role::Tag(_) | Role::Anchor { .. }) => None,
+            (None, Role::Tag(_) | Role::Anchor { .. } | Role::Scanner) => None,
         }
     }
 
@@ -328,6 +328,13 @@ impl Known {
                     models.map_or_else(Vec::new, |models| models.room_names.lines().map(str::to_owned).collect());
                 Self { rooms, height_m, ..known }
             }
+            Role::Scanner => Self {
+                receiver: known.address.map(|address| Address(address).to_string()),
+                position_m: node.position_m,
+                rssi_1m_dbm: node.rssi_1m_dbm,
+                path_loss_exponent: node.path_loss_exponent,
+                ..known
+            },
             Role::Advertiser(beacon) => Self {
                 beacon: Some(format!("{}-{}", beacon.major, beacon.minor)),
                 rssi_1m_dbm: Some(beacon.measured_power_dbm.into()),

@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use anyhow::Result;
 use host_tools::cli::note;
 use host_tools::cli::stream::{STOP, catch_signals};
+use node_link::gateway_key::GatewayKey;
 
 use super::serve::sources_help;
+use crate::SourceSpec;
 use crate::forward::{Settings, run as forward};
-use crate::{GatewayKey, SourceSpec};
 
 /// Send the telemetry of the nodes at this computer to a station elsewhere
 ///

@@ -22,12 +22,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use node_link::gateway_key::GatewayKey;
 use station_core::Utc;
-use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, Receipt, Received, parse};
+use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, Receipt, Received, Secret, parse, sealed};
 
 use self::collector::{Bundle, Collector};
 use self::queue::{Place, Queue};
-use crate::gateways::{GatewayKey, sealed};
 use crate::sources::{NodeInput, read_node};
 use crate::{OpenSource, SourceSpec};
 
@@ -315,12 +315,16 @@ impl<'a> Gateway<'a> {
         self.flights.insert(key, Flight { place, sent, is_repeated });
     }
 
+    fn secret(&self) -> Option<Secret> {
+        self.settings.key.as_ref().map(|key| Secret(key.secret))
+    }
+
     /// What cannot be sent now is sent again as what gets lost.
     fn transmit(&self, envelope: &Envelope<'_>) {
         let mut out = [0; MAX_DATAGRAM];
-        let key = self.settings.key.as_ref();
-        let Some(length) = envelope.emit(key.is_some(), &mut out) else { return };
-        let datagram = sealed(key, length, &mut out);
+        let secret = self.secret();
+        let Some(length) = envelope.emit(secret.is_some(), &mut out) else { return };
+        let datagram = sealed(secret.as_ref(), length, &mut out);
         if let Some(Err(error)) = self.socket.as_ref().map(|socket| socket.send(datagram)) {
             log::debug!("cannot send to {}: {error}", self.settings.to);
         }
@@ -345,8 +349,8 @@ impl<'a> Gateway<'a> {
     /// A receipt of the station, if it is one.
     fn authentic(&self, bytes: &[u8]) -> Option<Receipt> {
         let Received { datagram: Datagram::Receipt(receipt), signed, code } = parse(bytes).ok()? else { return None };
-        let is_right = match (&self.settings.key, code) {
-            (Some(key), Some(code)) => key.is_code(signed, code),
+        let is_right = match (self.secret(), code) {
+            (Some(secret), Some(code)) => secret.is_code(signed, code),
             (Some(_), None) => false,
             (None, _) => true,
         };

@@ -7,7 +7,6 @@
 //!
 //! A datagram that was sent before, or is old, is late: its positions go to the store, and change nothing that is live.
 
-mod key;
 mod taken;
 
 use std::collections::HashMap;
@@ -15,12 +14,12 @@ use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use node_link::gateway_key::GatewayKey;
 use station_core::net::make_room;
 use station_core::{ReportKind, SourceReport, Utc};
-use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, MAX_NUMBERS, Receipt, Received, parse};
+use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, MAX_NUMBERS, Receipt, Received, Secret, parse, sealed};
 use wire::telemetry::{Decoder, Message};
 
-pub use self::key::{GatewayKey, sealed};
 use self::taken::TakenNumbers;
 use crate::sources::ReportSender;
 use crate::{NodeClock, NodeReporter};
@@ -169,7 +168,7 @@ impl<'a> Gateways<'a> {
         let Received { datagram, signed, code } = parse(bytes).map_err(|_| "is of an unknown kind, or cut")?;
         let Datagram::Telemetry(envelope) = datagram else { return Err("is no telemetry") };
         match (self.key(envelope.gateway), code) {
-            (Some(key), Some(code)) if key.is_code(signed, code) => Ok(envelope),
+            (Some(key), Some(code)) if Secret(key.secret).is_code(signed, code) => Ok(envelope),
             (Some(_), Some(_)) => Err("has another key than --gateways gives its gateway"),
             (Some(_), None) => Err("has no code, and --gateways has a key of its gateway"),
             (None, Some(_)) => Err("is of a gateway that is not in --gateways"),
@@ -253,13 +252,14 @@ impl<'a> Gateways<'a> {
     pub fn send_receipts(&mut self, mut send: impl FnMut(&[u8], SocketAddr)) {
         let mut out = [0; MAX_DATAGRAM];
         for ((from, gateway, session), numbers) in std::mem::take(&mut self.due) {
-            let key = self.key(gateway);
+            let secret = self.key(gateway).map(|key| Secret(key.secret));
             let parts: Vec<_> = if numbers.is_empty() { vec![&[][..]] } else { numbers.chunks(MAX_NUMBERS).collect() };
             for part in parts {
                 let numbers = part.iter().copied().collect();
-                let receipt = Receipt { gateway, session, station: self.run, numbers };
-                let Some(length) = receipt.emit(key.is_some(), &mut out) else { continue };
-                send(sealed(key, length, &mut out), from);
+                let sent_us = Utc::now().us().unsigned_abs();
+                let receipt = Receipt { gateway, session, station: self.run, sent_us, numbers };
+                let Some(length) = receipt.emit(secret.is_some(), &mut out) else { continue };
+                send(sealed(secret.as_ref(), length, &mut out), from);
             }
         }
     }

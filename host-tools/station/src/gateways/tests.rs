@@ -58,7 +58,7 @@ fn bytes(envelope: &Envelope<'_>, key: Option<&GatewayKey>) -> Vec<u8> {
     let length = envelope.emit(key.is_some(), &mut out).expect("it fits");
     let mut bytes = out[..length].to_vec();
     if let Some(key) = key {
-        let code = key.code(&bytes);
+        let code = Secret(key.secret).code(&bytes);
         bytes.extend(code);
     }
     bytes
@@ -220,8 +220,11 @@ fn datagrams_of_another_run_are_not_taken_and_told_the_run() {
     // Recorded from the air of the run before, and sent again.
     assert_eq!(taken(&mut gateways, &bytes(&before, Some(&known)), FAR, at(1)).0, []);
     let told = receipts(&mut gateways);
-    let expected = Receipt { gateway: 7, session: 1, station: gateways.run, numbers: Default::default() };
+    let sent_us = told[0].1.sent_us;
+    let expected = Receipt { gateway: 7, session: 1, station: gateways.run, sent_us, numbers: Default::default() };
     assert_eq!(told, [(FAR, expected)]);
+    let now_us = Utc::now().us().unsigned_abs();
+    assert!((sent_us..sent_us + 60_000_000).contains(&now_us), "its time is the present one");
 }
 
 #[test]

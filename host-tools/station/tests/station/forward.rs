@@ -15,15 +15,15 @@ use crate::serve::Station;
 use crate::support::{Folder, Run};
 
 /// A network between a gateway and a station: it loses every seventh datagram in each direction.
-struct LossyNetwork {
-    address: SocketAddr,
+pub struct LossyNetwork {
+    pub address: SocketAddr,
     station: Arc<Mutex<Option<SocketAddr>>>,
     is_over: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl LossyNetwork {
-    fn start() -> Self {
+    pub fn start() -> Self {
         let [front, back] = [(); 2].map(|()| {
             let socket = UdpSocket::bind("127.0.0.1:0").expect("a port");
             socket.set_read_timeout(Some(Duration::from_millis(5))).expect("a timeout");
@@ -63,7 +63,7 @@ impl LossyNetwork {
         Self { address, station, is_over, thread: Some(thread) }
     }
 
-    fn lead_to(&self, station: SocketAddr) {
+    pub fn lead_to(&self, station: SocketAddr) {
         *self.station.lock().expect("no panic") = Some(station);
     }
 }
@@ -77,7 +77,7 @@ impl Drop for LossyNetwork {
 }
 
 /// Where a station receives datagrams.
-fn datagrams(station: &Station) -> SocketAddr {
+pub fn datagrams(station: &Station) -> SocketAddr {
     let line = station.said().lines().find_map(|line| line.strip_prefix("datagrams: udp:")).expect("an address");
     line.parse().expect("an address")
 }

@@ -18,6 +18,7 @@ mod store;
 #[allow(dead_code)]
 #[path = "../../../tests/baliza/support.rs"]
 mod support;
+mod wifi;
 
 /// The program. It has the commands of `baliza`, too.
 const PROGRAM: &str = env!("CARGO_BIN_EXE_baliza-station");

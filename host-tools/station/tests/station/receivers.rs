@@ -67,6 +67,23 @@ fn receivers_of_the_sites_file_locate_a_device_in_their_middle() {
 }
 
 #[test]
+fn scanners_locate_a_badge_in_their_middle_and_have_the_names_of_the_sites_file() {
+    let folder = Folder::with(&[]);
+    let example = root().join("examples/scanners.toml").display().to_string();
+    let station = Station::start(&folder, &format!("--simulate {example}"));
+    let tags = station.wait("/api/v1/tags", |tags| position(tags, "c2a8ad55-1-1")["used"] == 4);
+    let [x_m, y_m] = ["x_m", "y_m"].map(|key| position(&tags, "c2a8ad55-1-1")[key].as_f64().expect("a number"));
+    // By RSSI with 3 dB of shadowing, 6 m from each scanner.
+    assert!((x_m - 5.0).hypot(y_m - 4.0) < 3.0, "{x_m} {y_m}");
+    station.stop();
+    let station = Station::start(&folder, &format!("--site {example}"));
+    wait_for(&station, "0x3003", [9.7, 7.7, 2.2]);
+    let nodes = station.json("/api/v1/nodes?site=site");
+    let bedroom = nodes.as_array().and_then(|nodes| nodes.iter().find(|node| node["node"] == "0x3003"));
+    assert_eq!(bedroom.expect("a node")["name"], "bedroom");
+}
+
+#[test]
 fn where_the_api_has_placed_a_receiver_counts_more_than_the_sites_file() {
     let folder = Folder::with(&[("site.toml", SITE)]);
     let start = || Station::start(&folder, "--store tags.db --site site.toml");

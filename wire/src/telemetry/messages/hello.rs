@@ -69,6 +69,8 @@ pub enum Role {
     Anchor,
     /// Advertises.
     Beacon,
+    /// Receives what beacons advertise, and tells a station.
+    Scanner,
 }
 
 impl Role {
@@ -78,6 +80,7 @@ impl Role {
             Self::Tag => "tag",
             Self::Anchor => "anchor",
             Self::Beacon => "beacon",
+            Self::Scanner => "scanner",
         }
     }
 }

@@ -314,7 +314,7 @@ prop_compose! {
 prop_compose! {
     fn a_record()(
         eui in of(1..0x1_0000_0000_0000_u64), address in 0..0xFFFE_u16,
-        role in prop_oneof![a_tag(), an_advertiser(), of(place()).prop_map(|position_m| Role::Anchor { position_m })],
+        role in prop_oneof![a_tag(), an_advertiser(), Just(Role::Scanner), of(place()).prop_map(|position_m| Role::Anchor { position_m })],
         network in a_network(),
         antenna_delay: Option<u16>, crystal_trim in of(0..=31_u8), tx_power: Option<u32>,
         first_pin in of(0..40_u8),

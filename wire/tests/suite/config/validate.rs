@@ -18,7 +18,7 @@ fn refusal(of: Record, change: impl FnOnce(&mut Record)) -> String {
 fn role_of(record: &mut Record) -> &mut Tag {
     match &mut record.role {
         Role::Tag(tag) => tag,
-        Role::Anchor { .. } | Role::Advertiser(_) => panic!("it is a tag"),
+        Role::Anchor { .. } | Role::Advertiser(_) | Role::Scanner => panic!("it is a tag"),
     }
 }
 
@@ -111,7 +111,7 @@ fn an_advertiser_s_ranges() {
     let change = |f: fn(&mut baliza_wire::config::Advertiser)| {
         refusal(beacon(), |record| match &mut record.role {
             Role::Advertiser(advertiser) => f(advertiser),
-            Role::Tag(_) | Role::Anchor { .. } => panic!("it is a beacon"),
+            Role::Tag(_) | Role::Anchor { .. } | Role::Scanner => panic!("it is a beacon"),
         })
     };
     assert!(change(|a| a.interval_ms = 19).starts_with("beacon.interval_ms is 19: "));
@@ -119,6 +119,18 @@ fn an_advertiser_s_ranges() {
     assert!(change(|a| a.tx_power_dbm = 21).starts_with("beacon.tx_power_dbm is 21: "));
     assert!(change(|a| a.channels = 0).starts_with("beacon.channels is 0: "));
     assert!(change(|a| a.channels = 8).starts_with("beacon.channels is 8: "));
+}
+
+#[test]
+fn a_scanner_needs_a_chip_of_espressif() {
+    let scanner = Record { role: Role::Scanner, ..anchor() };
+    for board in Board::HARDWARE {
+        let is_esp = matches!(board, Board::Esp32C3 | Board::Esp32C6 | Board::Esp32);
+        let said = scanner.validate_for(board).map_err(|invalid| invalid.to_string());
+        let must = "it must be on an ESP32: no other board has an image of a scanner";
+        assert_eq!(said, if is_esp { Ok(()) } else { Err(format!("role is scanner: {must}")) }, "{board:?}");
+    }
+    assert!(!scanner.transmits());
 }
 
 #[test]

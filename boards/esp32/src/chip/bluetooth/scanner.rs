@@ -1,4 +1,4 @@
-//! A tag's scanner. The scan is passive, and reports every advertisement, duplicates too.
+//! The scanner of a tag, or of a node that does nothing else. The scan is passive, and reports every advertisement, duplicates too.
 
 use core::convert::Infallible;
 
@@ -12,6 +12,8 @@ use super::{Advertisement, Controller, Error, Parts, StartError};
 /// How long the scanner stays on a channel before the next, milliseconds. In a window of 90 ms each channel has a part.
 /// A beacon sends its advertisement on all its channels within a millisecond or two.
 const CHANNEL_MS: u32 = 30;
+/// From one such stay to the next, milliseconds: Wi-Fi has the radio in between.
+const INTERVAL_MS: u32 = if cfg!(feature = "coex") { 2 * CHANNEL_MS } else { CHANNEL_MS };
 
 /// A scanner with a running controller.
 pub struct Scanner(Controller);
@@ -32,10 +34,10 @@ impl Scanner {
 
     /// Starts to scan, all the time.
     async fn start_scan(&self) -> Result<(), Error> {
-        let time = Duration::from_millis(CHANNEL_MS);
+        let (interval, window) = (Duration::from_millis(INTERVAL_MS), Duration::from_millis(CHANNEL_MS));
         let anybody = ScanningFilterPolicy::BasicUnfiltered;
         // A passive scanner sends nothing, so the kind of its address does not matter.
-        self.0.command(LeSetScanParams::new(LeScanKind::Passive, time, time, AddrKind::PUBLIC, anybody)).await?;
+        self.0.command(LeSetScanParams::new(LeScanKind::Passive, interval, window, AddrKind::PUBLIC, anybody)).await?;
         // Duplicates are not filtered.
         self.0.command(LeSetScanEnable::new(true, false)).await
     }

@@ -13,9 +13,10 @@ use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
-use crate::{Admission, GatewayKey, OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate, site_check};
+use crate::{Admission, OpenSource, SimulatedSite, SourceSpec, read_webhooks, simulate, site_check};
 use analysis::survey::presence::read_outlines;
 use anyhow::{Context, Result, bail};
+use node_link::gateway_key::GatewayKey;
 use node_link::provision::SiteNames;
 use recording::UserError;
 use sim::scenario::Scenario;

@@ -1,15 +1,12 @@
 //! The key of a gateway, which a station has, too: a number and a secret, in a file that both read.
 
 use std::fs::OpenOptions;
-use std::io::{ErrorKind, Write};
+use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use hmac::{Hmac, KeyInit, Mac};
 use recording::{UserError, read_text};
 use serde::Deserialize;
-use sha2::Sha256;
-use wire::datagram::{CODE_BYTES, MAX_DATAGRAM};
 
 use crate::hexadecimal;
 
@@ -25,7 +22,8 @@ pub struct GatewayKey {
     pub gateway: u64,
     /// The site of its nodes, where it is not that of the station.
     pub site: Option<String>,
-    pub(super) secret: [u8; SECRET],
+    /// What only the gateway and its stations know.
+    pub secret: [u8; SECRET],
 }
 
 /// The file.
@@ -78,14 +76,29 @@ impl GatewayKey {
     /// The file has more than one gateway, is wrong, or cannot be made.
     pub fn read_or_make(file: &Path, name: &str) -> Result<(Self, bool)> {
         if !file.exists() {
-            let made = Self::random(name)?;
-            return made.write(file).map(|()| (made, true));
+            return Self::make(file, name).map(|made| (made, true));
         }
         let mut keys = Self::read_all(file)?;
         match (keys.pop(), keys.is_empty()) {
             (Some(key), true) => Ok((key, false)),
             _ => Err(UserError::file(file, "a gateway has its own key only: one [[gateway]]").into()),
         }
+    }
+
+    /// The gateways of these names in a file that may have others. Those that it does not have are made, and are added to
+    /// it. Returns also the names of those that were made.
+    ///
+    /// # Errors
+    /// The file is wrong, or cannot be made or written.
+    pub fn read_and_make(file: &Path, names: &[String]) -> Result<(Vec<Self>, Vec<String>)> {
+        let mut keys = if file.exists() { Self::read_all(file)? } else { Vec::new() };
+        let is_new = |name: &&String| !keys.iter().any(|key| key.name == **name);
+        let new: Vec<_> = names.iter().filter(is_new).cloned().collect();
+        for name in &new {
+            keys.push(Self::make(file, name)?);
+        }
+        let of = |name: &String| keys.iter().find(|key| key.name == *name).cloned();
+        Ok((names.iter().filter_map(of).collect(), new))
     }
 
     fn random(name: &str) -> Result<Self> {
@@ -96,56 +109,22 @@ impl GatewayKey {
         Ok(Self { name: name.to_owned(), gateway, site: None, secret })
     }
 
-    /// Writes a new file that others cannot read.
-    fn write(&self, file: &Path) -> Result<()> {
+    /// Adds a new gateway to a file, which is made, for its owner only, if it does not exist.
+    fn make(file: &Path, name: &str) -> Result<Self> {
+        let made = Self::random(name)?;
         let mut options = OpenOptions::new();
-        options.write(true).create_new(true);
+        options.append(true).create(true);
         #[cfg(unix)]
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-        let secret: String = self.secret.iter().map(|byte| format!("{byte:02x}")).collect();
+        let secret: String = made.secret.iter().map(|byte| format!("{byte:02x}")).collect();
         let text = format!(
             "[[gateway]]\nname = {}\nid = \"0x{:016x}\"\nkey = \"{secret}\"\n",
-            toml::Value::from(&*self.name),
-            self.gateway
+            toml::Value::from(&*made.name),
+            made.gateway
         );
         let written = options.open(file).and_then(|mut made| made.write_all(text.as_bytes()));
-        written.map_err(|error| match error.kind() {
-            ErrorKind::AlreadyExists => anyhow::anyhow!("{} has just been made by another program", file.display()),
-            _ => anyhow::Error::from(error).context(format!("cannot write {}", file.display())),
-        })
+        written.with_context(|| format!("cannot write {}", file.display())).map(|()| made)
     }
-
-    fn mac(&self, signed: &[u8]) -> Hmac<Sha256> {
-        // HMAC fills a key up to a block with zeros.
-        let mut block = [0; 64];
-        block[..SECRET].copy_from_slice(&self.secret);
-        let mut mac = <Hmac<Sha256> as KeyInit>::new(&block.into());
-        mac.update(signed);
-        mac
-    }
-
-    /// The code of a datagram's other bytes.
-    pub fn code(&self, signed: &[u8]) -> [u8; CODE_BYTES] {
-        let whole = self.mac(signed).finalize().into_bytes();
-        std::array::from_fn(|i| whole[i])
-    }
-
-    /// Whether this is the code of a datagram's other bytes.
-    pub fn is_code(&self, signed: &[u8], code: &[u8]) -> bool {
-        code.len() == CODE_BYTES && self.mac(signed).verify_truncated_left(code).is_ok()
-    }
-}
-
-/// Puts the code behind a datagram of `length` bytes, if there is a key. Returns the whole datagram.
-pub fn sealed<'o>(key: Option<&GatewayKey>, length: usize, out: &'o mut [u8; MAX_DATAGRAM]) -> &'o [u8] {
-    let mut end = length;
-    if let (Some(key), Some((signed, rest))) = (key, out.split_at_mut_checked(length))
-        && let Some(code) = rest.first_chunk_mut::<CODE_BYTES>()
-    {
-        *code = key.code(signed);
-        end += CODE_BYTES;
-    }
-    out.get(..end).unwrap_or_default()
 }
 
 fn number(text: &str) -> Option<u64> {
@@ -157,18 +136,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_code_is_that_of_a_published_example() {
-        // RFC 4231, test case 1, with its key of 20 bytes of 0x0B: HMAC pads a key with zeros.
-        let mut secret = [0; SECRET];
-        secret[..20].fill(0x0B);
-        let key = GatewayKey { name: String::new(), gateway: 1, site: None, secret };
-        let expected = [0xB0, 0x34, 0x4C, 0x61, 0xD8, 0xDB, 0x38, 0x53, 0x5C, 0xA8, 0xAF, 0xCE, 0xAF, 0x0B, 0xF1, 0x2B];
-        assert_eq!(key.code(b"Hi There"), expected);
-        assert!(key.is_code(b"Hi There", &expected) && !key.is_code(b"Hi there", &expected));
-        assert!(!key.is_code(b"Hi There", &expected[..8]) && !key.is_code(b"Hi There", &[]));
-    }
-
-    #[test]
     fn a_file_is_made_once_and_read_by_both() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("gateway.toml");
@@ -176,13 +143,27 @@ mod tests {
         let (read, is_newer) = GatewayKey::read_or_make(&file, "another").expect("read");
         assert!(is_new && !is_newer && made == read && read.name == "hall \"2\"");
         let (other, _) = GatewayKey::read_or_make(&folder.path().join("other.toml"), "hall").expect("made");
-        assert!(other.gateway != made.gateway && other.code(b"") != made.code(b""));
+        assert!(other.gateway != made.gateway && other.secret != made.secret);
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
             let mode = std::fs::metadata(&file).expect("a file").permissions().mode();
             assert_eq!(mode & 0o77, 0);
         }
+    }
+
+    #[test]
+    fn keys_of_nodes_are_made_once_beside_those_of_others() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("gateways.toml");
+        let (roof, _) = GatewayKey::read_or_make(&file, "roof").expect("made");
+        let names = |names: [&str; 2]| names.map(str::to_owned);
+        let (first, new) = GatewayKey::read_and_make(&file, &names(["anchor-1", "roof"])).expect("made");
+        assert_eq!((&*first[0].name, first[1] == roof, &new[..]), ("anchor-1", true, &["anchor-1".to_owned()][..]));
+        let (second, new) = GatewayKey::read_and_make(&file, &names(["anchor-2", "anchor-1"])).expect("made");
+        assert_eq!((second[1] == first[0], &new[..]), (true, &["anchor-2".to_owned()][..]));
+        let all = GatewayKey::read_all(&file).expect("three");
+        assert_eq!(all.iter().map(|key| key.name.as_str()).collect::<Vec<_>>(), ["roof", "anchor-1", "anchor-2"]);
     }
 
     #[test]

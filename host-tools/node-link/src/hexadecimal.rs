@@ -1,7 +1,7 @@
 //! Bytes as hexadecimal digits, in files of secrets.
 
 /// The bytes of as many pairs of digits; none if there are more or fewer, or another character.
-pub(crate) fn bytes<const N: usize>(text: &str) -> Option<[u8; N]> {
+pub fn bytes<const N: usize>(text: &str) -> Option<[u8; N]> {
     let mut bytes = [0; N];
     if text.len() != 2 * N || !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
         return None;

@@ -1,12 +1,18 @@
 //! Datagrams between a gateway and a station, in UDP. A gateway sends telemetry of nodes, and the station sends receipts.
 //! `docs/reference/wire-format.md` describes them byte by byte.
 //!
-//! A datagram ends with a message authentication code where both have a key. It is made and checked by those who have a
-//! library for it; here it is 16 bytes of the datagram.
+//! A datagram ends with a message authentication code where both have a key. The feature `gateway` has what makes and checks
+//! it.
+
+#[cfg(feature = "gateway")]
+mod secret;
 
 use heapless::Vec;
 
 use crate::uwb::{FrameError, Reader};
+
+#[cfg(feature = "gateway")]
+pub use secret::{Secret, sealed};
 
 /// The longest datagram, bytes. Networks pass it on in one piece.
 pub const MAX_DATAGRAM: usize = 1200;
@@ -62,6 +68,8 @@ pub struct Receipt {
     pub session: u32,
     /// A random number of the station's run, not 0. Of another run than before: what was received lately may be lost.
     pub station: u32,
+    /// When it is sent, by the station's clock: microseconds since 1970. A gateway without a calendar takes it from here.
+    pub sent_us: u64,
     /// The datagrams that it has taken.
     pub numbers: Vec<u32, MAX_NUMBERS>,
 }
@@ -168,6 +176,7 @@ impl Receipt {
         writer.put(&self.gateway.to_le_bytes())?;
         writer.put(&self.session.to_le_bytes())?;
         writer.put(&self.station.to_le_bytes())?;
+        writer.put(&self.sent_us.to_le_bytes())?;
         for number in &self.numbers {
             writer.put(&number.to_le_bytes())?;
         }
@@ -176,12 +185,18 @@ impl Receipt {
 
     fn parse(body: &[u8]) -> Result<Self, DatagramError> {
         let mut reader = Reader(body);
-        let (gateway, session, station) = (reader.u64()?, reader.u32()?, reader.u32()?);
+        let (gateway, session, station, sent_us) = (reader.u64()?, reader.u32()?, reader.u32()?, reader.u64()?);
         let (numbers, []) = reader.0.as_chunks() else { return Err(DatagramError::Length) };
         if numbers.len() > MAX_NUMBERS {
             return Err(DatagramError::Length);
         }
-        Ok(Self { gateway, session, station, numbers: numbers.iter().map(|n| u32::from_le_bytes(*n)).collect() })
+        Ok(Self {
+            gateway,
+            session,
+            station,
+            sent_us,
+            numbers: numbers.iter().map(|n| u32::from_le_bytes(*n)).collect(),
+        })
     }
 }
 
@@ -230,7 +245,8 @@ mod tests {
 
     fn receipt() -> Receipt {
         let numbers = [0x2122_2324, 0x2122_2325].into_iter().collect();
-        Receipt { gateway: 0x0102_0304_0506_0708, session: 0x1112_1314, station: 0x3132_3334, numbers }
+        let (gateway, session, station) = (0x0102_0304_0506_0708, 0x1112_1314, 0x3132_3334);
+        Receipt { gateway, session, station, sent_us: 1_704_067_200_000_000, numbers }
     }
 
     /// Bytes in hexadecimal digits, in groups of four as the page has them.
@@ -255,9 +271,10 @@ mod tests {
         let told = receipt().emit(true, &mut out).unwrap();
         let mut of_receipt =
             std::vec![0, 1, 0x82, 8, 7, 6, 5, 4, 3, 2, 1, 0x14, 0x13, 0x12, 0x11, 0x34, 0x33, 0x32, 0x31];
+        of_receipt.extend([0x00, 0x20, 0x21, 0x10, 0xD7, 0x0D, 6, 0]);
         of_receipt.extend([0x24, 0x23, 0x22, 0x21, 0x25, 0x23, 0x22, 0x21]);
         assert_eq!(out[..told], of_receipt[..]);
-        let page = include_str!("../../docs/reference/wire-format.md");
+        let page = include_str!("../../../docs/reference/wire-format.md");
         for bytes in [&golden, &of_receipt] {
             assert!(page.contains(&hex(bytes)), "{}", hex(bytes));
         }
