@@ -29,9 +29,10 @@ use queue::Queue;
 
 /// Datagrams that may be without a receipt at a time.
 const WINDOW: usize = 8;
-/// A station that has not answered for this time does not read what is sent, microseconds.
-const ANSWER_US: u64 = 500_000;
-/// After this time it is away, …
+/// A station that has not taken frames of this age does not read what is sent, microseconds: frames wait a tenth of a second
+/// for others.
+const ANSWER_US: u64 = 600_000;
+/// A station that has not answered for this time is away, …
 const AWAY_US: u64 = 2_000_000;
 /// … and gets a datagram in each such time, until it answers.
 const PROBE_US: u64 = 1_000_000;
@@ -93,9 +94,10 @@ impl<const BYTES: usize> Gateway<BYTES> {
         self.queue.push(frame, now_us);
     }
 
-    /// Whether the station reads what is sent.
+    /// Whether the station reads what is written here.
     pub fn is_read(&self, now_us: u64) -> bool {
-        self.station.is_some() && self.silence_us(now_us) < ANSWER_US
+        let waits_us = self.queue.untaken_since_us().map_or(0, |since_us| now_us.saturating_sub(since_us));
+        self.station.is_some() && waits_us < ANSWER_US
     }
 
     /// How long the station has not answered.
@@ -105,7 +107,7 @@ impl<const BYTES: usize> Gateway<BYTES> {
 
     /// Whether the station has taken all that was written.
     pub fn is_empty(&self) -> bool {
-        self.queue.is_empty()
+        self.queue.untaken_since_us().is_none()
     }
 
     /// Frames that were lost, because the queue was full. It wraps.

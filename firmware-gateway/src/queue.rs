@@ -81,9 +81,10 @@ impl<const BYTES: usize> Queue<BYTES> {
         self.lost
     }
 
-    /// Whether all bundles were taken.
-    pub fn is_empty(&self) -> bool {
-        self.bundles.iter().all(|bundle| matches!(bundle.fate, Fate::Taken(_)))
+    /// When the oldest frame came that was not taken; `None`: all were.
+    pub fn untaken_since_us(&self) -> Option<u64> {
+        let untaken = |bundle: &&Bundle| !matches!(bundle.fate, Fate::Taken(_));
+        self.bundles.iter().find(untaken).map(|bundle| bundle.begun_us)
     }
 
     /// Adds a frame of at most [`MAX_FRAMES`] bytes; a longer one is dropped and counted.

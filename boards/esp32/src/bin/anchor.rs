@@ -27,7 +27,7 @@ fn start(spawner: Spawner) {
     let (mut node, configured) = Node::start(&REPORTER, Role::Anchor, board.start);
     if let Some(configured) = configured {
         #[cfg(feature = "wifi")]
-        board.care.gateway.set(board.wifi.start(spawner, &configured.settings));
+        board.care.gateway.set(board.wifi.start(spawner, &configured));
         match board.uwb.wire(&configured.record) {
             Ok(uwb) => {
                 let radio = |config| RADIO.init_with(|| uwb.radio(config));

@@ -38,7 +38,7 @@ fn start(spawner: Spawner) {
     if let Some(configured) = configured {
         match configured.record.role {
             wire::config::Role::Scanner => {
-                board.care.gateway.set(board.wifi.start(spawner, &configured.settings));
+                board.care.gateway.set(board.wifi.start(spawner, &configured));
                 // The program beats the heartbeat that ranging uses in other roles.
                 node.tasks = Tasks::Ranging;
                 let record = RECORD.init(configured.record);

@@ -23,9 +23,15 @@ use crate::{pins, reset_cause};
 // The application descriptor that the second-stage bootloader and espflash look for.
 esp_bootloader_esp_idf::esp_app_desc!();
 
-/// The size of the heap, bytes: for threads' stacks, and for the driver of Bluetooth.
-const HEAP_BYTES: usize = if cfg!(feature = "ble") { 80 << 10 } else { 16 << 10 };
-/// What the driver of Wi-Fi has beside it: the memory of the bootloader, which has ended.
+/// The size of the heap, bytes: for threads' stacks, and for the drivers of Bluetooth and Wi-Fi.
+const HEAP_BYTES: usize = if cfg!(feature = "ble") {
+    80 << 10
+} else if cfg!(feature = "wifi") {
+    32 << 10
+} else {
+    16 << 10
+};
+/// What the driver of Wi-Fi has besides: the memory of the bootloader, which has ended.
 #[cfg(feature = "wifi")]
 const WIFI_HEAP_BYTES: usize = 64_000;
 

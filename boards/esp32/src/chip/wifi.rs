@@ -18,10 +18,11 @@ use esp_radio::wifi::sta::StationConfig;
 use esp_radio::wifi::{
     AuthenticationMethodConfig, Config, ControllerConfig, Interface, PowerSaveMode, WifiController, WifiError,
 };
+use firmware_common::node::Configured;
 use firmware_common::{HostChannel, Settings};
 use firmware_gateway::{DatagramSocket, GatewayIdentity};
 use static_cell::StaticCell;
-use wire::config::{LoadError, Wifi};
+use wire::config::{LoadError, Region, Wifi};
 use wire::datagram::MAX_DATAGRAM;
 
 use super::{random, uptime_us};
@@ -52,7 +53,7 @@ pub struct Parts {
 impl Parts {
     /// Starts the tasks by which a node with these settings reaches its station. Returns the gateway that takes its
     /// telemetry. Without settings of Wi-Fi the node works without; the log says why.
-    pub fn start(self, spawner: Spawner, node: &Settings) -> Option<&'static Gateway> {
+    pub fn start(self, spawner: Spawner, node: &Configured) -> Option<&'static Gateway> {
         static GATEWAY: StaticCell<Gateway> = StaticCell::new();
         static SETTINGS: StaticCell<Wifi> = StaticCell::new();
         let wifi: &Wifi = match self.settings {
@@ -62,7 +63,8 @@ impl Parts {
                 return None;
             }
         };
-        let controller = match controller(self.radio, wifi) {
+        let Configured { record, settings: Settings { address, eui, .. } } = node;
+        let controller = match controller(self.radio, wifi, record.network.region) {
             Ok(controller) => controller,
             Err(error) => {
                 defmt::error!("Wi-Fi does not start, the node works without: {}", error);
@@ -72,8 +74,8 @@ impl Parts {
         let mut seed = [0; 12];
         random(&mut seed);
         let [a, b, c, d, e, f, g, h, session @ ..] = seed;
-        let (stack, runner) = stack(node.address, u64::from_le_bytes([a, b, c, d, e, f, g, h]));
-        let identity = GatewayIdentity::of(wifi, node.eui, node.address);
+        let (stack, runner) = stack(*address, u64::from_le_bytes([a, b, c, d, e, f, g, h]));
+        let identity = GatewayIdentity::of(wifi, *eui, *address);
         let new = || RefCell::new(firmware_gateway::Gateway::new(identity, u32::from_le_bytes(session)));
         let gateway: &Gateway = GATEWAY.init_with(new);
         spawner.spawn(join(controller, wifi).unwrap());
@@ -104,8 +106,18 @@ impl<C: HostChannel> HostChannel for Both<C> {
     }
 }
 
+/// The country whose channels are used: of several countries' regions and of none, those that are allowed everywhere.
+fn country(region: Option<Region>) -> [u8; 2] {
+    match region {
+        Some(Region::Us) => *b"US",
+        Some(Region::Japan) => *b"JP",
+        Some(Region::China) => *b"CN",
+        Some(Region::Eu | Region::Unchecked) | None => *b"01",
+    }
+}
+
 /// The driver, configured. It is not joined yet.
-fn controller(radio: WIFI<'static>, wifi: &Wifi) -> Result<WifiController<'static>, WifiError> {
+fn controller(radio: WIFI<'static>, wifi: &Wifi, region: Option<Region>) -> Result<WifiController<'static>, WifiError> {
     let authentication = match wifi.password.as_str() {
         "" => AuthenticationMethodConfig::Open,
         // Access points for WPA3 take WPA2 as well, unless they are told not to.
@@ -115,6 +127,7 @@ fn controller(radio: WIFI<'static>, wifi: &Wifi) -> Result<WifiController<'stati
         StationConfig::default().with_ssid(wifi.ssid.as_str().try_into()?).with_authentication(authentication);
     // Few frames come back: fewer buffers, and no aggregates, spare 30 KiB.
     let config = ControllerConfig::default()
+        .with_country_info(country(region))
         .with_static_rx_buf_num(4)
         .with_dynamic_rx_buf_num(8)
         .with_dynamic_tx_buf_num(12)

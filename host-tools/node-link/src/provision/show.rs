@@ -173,7 +173,7 @@ impl Text {
             (false, Keys::Shown) => self.line("password", toml::Value::from(password.as_str())),
             (false, Keys::Hidden) => self.text("password", HIDDEN),
         }
-        self.text("station", format_args!("{host}:{port}"));
+        self.line("station", toml::Value::from(format!("{host}:{port}")));
         if let Some(WifiKey { gateway, secret }) = key {
             let secret = if keys == Keys::Shown { hex(secret) } else { HIDDEN.to_owned() };
             let _ = writeln!(self.0, "# of the file of `gateways`: id = \"0x{gateway:016x}\", key = \"{secret}\"");

@@ -328,6 +328,43 @@ fn the_key_of_the_frames_is_in_the_records_of_tags_and_anchors() {
 }
 
 #[test]
+fn a_node_with_wifi_has_settings_and_a_key_that_others_do_not_read() {
+    let text = fs::read_to_string(root().join("examples/wifi.toml")).expect("the example");
+    let folder = Folder::with(&[("site.toml", &text)]);
+    let made = folder.run("provision --config site.toml --all --out records").ok();
+    assert!(made.stderr.contains("made keys in gateways.toml for anchor-4: "), "{}", made.stderr);
+    // The second time there are none to be made, and the record is the same.
+    let first = folder.read("records/anchor-4.bin");
+    let again = folder.run("provision --config site.toml --node anchor-4 --out again.bin").ok();
+    assert!(!again.stderr.contains("made keys") && folder.read("again.bin") == first, "{}", again.stderr);
+    let checked = folder.run("provision --check records/anchor-4.bin").ok();
+    assert!(checked.stdout.contains(", by Wi-Fi to 192.168.1.20:7000; "), "{}", checked.stdout);
+    let shown = folder.run("provision --show records/anchor-4.bin").ok();
+    let keys = String::from_utf8(folder.read("gateways.toml")).expect("UTF-8");
+    let key = keys.split("key = \"").nth(1).and_then(|rest| rest.split('"').next()).expect("a key");
+    assert!(shown.stdout.contains("password = \"hidden\"\n") && !shown.stdout.contains(key), "{}", shown.stdout);
+    let open = folder.run("provision --show records/anchor-4.bin --show-keys").ok();
+    assert!(open.stdout.contains("password = \"its password\"\n") && open.stdout.contains(key), "{}", open.stdout);
+    let record = folder.run("provision --show records/anchor-4.bin --json").ok().object();
+    let station = serde_json::json!("192.168.1.20:7000");
+    assert_eq!((&record["wifi"]["station"], &record["node"][0]["wifi"]), (&station, &true.into()));
+    let without = folder.run("provision --show records/anchor-1.bin --json").ok().object();
+    assert_eq!((&without["wifi"], &without["node"][0]["wifi"]), (&serde_json::Value::Null, &serde_json::Value::Null));
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        for file in ["gateways.toml", "records/anchor-4.bin", "again.bin"] {
+            let mode = fs::metadata(folder.path(file)).expect("a file").permissions().mode();
+            assert_eq!(mode & 0o77, 0, "{file}");
+        }
+    }
+    let open_wifi = text.replace("gateways = ", "# gateways = ");
+    folder.write("open.toml", open_wifi.as_bytes());
+    let warned = folder.run("provision --config open.toml --node anchor-4 --out open.bin").ok();
+    assert!(warned.stderr.contains("a station takes that with --open-udp only"), "{}", warned.stderr);
+}
+
+#[test]
 fn one_of_several_nodes_is_named() {
     let folder = Folder::with(&[("site.toml", EVERYTHING)]);
     refused(

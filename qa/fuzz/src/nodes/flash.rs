@@ -1,8 +1,9 @@
-//! Pages of flash: a config record and the models of a site, with their checksums made right.
+//! Pages of flash: a config record, settings of Wi-Fi and the models of a site, with their checksums made right.
 
 use wire::config::{
     Board, Identity, MAX_BYTES, MODELS_BYTES, MODELS_VERSION, Mode, Network, Phy, Record, Role, StoredSiteModels,
-    VERSION, decode, decode_models, encode, encode_models, newest, next,
+    VERSION, WIFI_AT, WIFI_BYTES, WIFI_VERSION, Wifi, WifiKey, decode, decode_models, encode, encode_models,
+    encode_wifi, newest, next, wifi_of,
 };
 
 use crate::seal;
@@ -45,6 +46,7 @@ pub fn record_seeds() -> Vec<Vec<u8>> {
 }
 
 pub fn site_models(input: &[u8]) {
+    wifi_settings(input);
     let _ = decode_models(input);
     if input.len() > MODELS_BYTES - wire::config::HEADER_BYTES {
         return;
@@ -60,9 +62,31 @@ pub fn site_models(input: &[u8]) {
     }
 }
 
+/// What is beside a record and neither a model.
+fn wifi_settings(input: &[u8]) {
+    let beside = |settings: &[u8]| [&vec![0xFF; WIFI_AT][..], settings].concat();
+    let _ = wifi_of(&beside(input));
+    if input.len() > WIFI_BYTES - wire::config::HEADER_BYTES {
+        return;
+    }
+    if let Ok(wifi) = wifi_of(&beside(&seal::page(*b"BLZW", WIFI_VERSION, [0; 4], input))) {
+        assert!(wifi.validate().is_ok());
+        assert_eq!(wifi_of(&beside(encode_wifi(&wifi, &mut [0; WIFI_BYTES]))), Ok(wifi));
+    }
+}
+
 pub fn site_model_seeds() -> Vec<Vec<u8>> {
     let mut region = [0; MODELS_BYTES];
     let models = StoredSiteModels { map: None, rooms: None, room_names: "hall\nattic" };
     let page = encode_models(&models, &mut region).expect("it fits");
-    vec![page[wire::config::HEADER_BYTES..].to_vec()]
+    let wifi = Wifi {
+        ssid: "hall".parse().expect("short"),
+        password: "correct horse".parse().expect("short"),
+        host: "nas".parse().expect("short"),
+        port: 7000,
+        key: Some(WifiKey { gateway: 1, secret: [2; 32] }),
+    };
+    let mut bytes = [0; WIFI_BYTES];
+    let pages = [page, encode_wifi(&wifi, &mut bytes)];
+    pages.map(|page| page[wire::config::HEADER_BYTES..].to_vec()).to_vec()
 }

@@ -1,5 +1,6 @@
 //! Bytes from the air and from a node's stream: what was parsed and is written again is parsed as the same.
 
+use firmware_gateway::{Gateway, GatewayIdentity};
 use wire::ble::{Advertised, EddystoneUid, Fresh, IBeacon, RotatingId};
 use wire::datagram::{self, Datagram, Envelope, MAX_DATAGRAM, Receipt};
 use wire::telemetry::{Decoder, Hello, MAX_FRAME, Message, Role};
@@ -52,6 +53,14 @@ pub fn frame_seeds() -> Vec<Vec<u8>> {
 }
 
 pub fn datagrams(input: &[u8]) {
+    // A node whose gateway, session and times are those of the seeds.
+    let identity = GatewayIdentity { gateway: 1, secret: None, node: 7 };
+    let mut gateway = Gateway::<4096>::new(identity, 2);
+    for now_us in [0, 100_000, 200_000] {
+        gateway.write(input.get(..MAX_FRAME).unwrap_or(input), now_us);
+        let _ = gateway.next(now_us, &mut [0; MAX_DATAGRAM]);
+        gateway.receive(input, now_us);
+    }
     let Ok(received) = datagram::parse(input) else { return };
     let mut out = [0; MAX_DATAGRAM];
     let has_code = received.code.is_some();
@@ -80,7 +89,7 @@ pub fn datagram_seeds() -> Vec<Vec<u8>> {
         node: 7,
         frames: &[8; 40],
     };
-    let receipt = Receipt { gateway, session, station, numbers: (0..9).collect() };
+    let receipt = Receipt { gateway, session, station, sent_us: 5, numbers: (0..9).collect() };
     let mut out = [0; MAX_DATAGRAM];
     let seed = |length: Option<usize>, out: &[u8]| out[..length.unwrap_or(0) + datagram::CODE_BYTES].to_vec();
     let of_envelope = envelope.emit(true, &mut out);
