@@ -128,7 +128,8 @@ impl Superframes {
     /// sync slots, then those of round slots.
     pub fn request_place_at(&self, rx_time: RadioInstant) -> Option<u16> {
         let timing = &self.timing;
-        let (_, passed) = self.place_of(rx_time);
+        let passed = rx_time.since(self.phase.start).ticks();
+        let passed = if passed < 0 { passed + timing.superframe.ticks() } else { passed };
         let (shared, begin) = (u16::from(timing.request_slots), self.requests_from());
         let regions = [
             (0, timing.request(0), shared),
@@ -156,21 +157,18 @@ impl Superframes {
         (self.phase.number << 8).wrapping_add(into.div_euclid(superframe.max(1)) as u16)
     }
 
-    /// The superframe of an instant in this superframe or the one before, and the ticks from its beginning to the instant: a
-    /// node prepares for the next superframe before this one ends.
-    #[inline(never)]
-    fn place_of(&self, instant: RadioInstant) -> (u16, i64) {
-        let Phase { number, start } = self.phase;
-        let passed = instant.since(start).ticks();
-        if passed < 0 { (number.wrapping_sub(1), passed + self.timing.superframe.ticks()) } else { (number, passed) }
-    }
-
     /// The superframe and the round slot of an instant in this superframe or the one before, if it is in a round slot. By a
     /// clock that is wrong after a sleep, a poll comes up to half a response slot before its slot. No frame of a round
     /// begins so late in its slot.
     #[inline(never)]
     pub fn round_slot_at(&self, instant: RadioInstant) -> Option<(u16, u8)> {
-        let (number, passed) = self.place_of(instant);
+        let Phase { number, start } = self.phase;
+        let passed = instant.since(start).ticks();
+        // A node prepares for the next superframe before this one ends.
+        let (number, passed) = match passed < 0 {
+            true => (number.wrapping_sub(1), passed + self.timing.superframe.ticks()),
+            false => (number, passed),
+        };
         let into = passed + self.timing.response_slot.ticks() / 2 - self.timing.rounds().ticks();
         let slot = u8::try_from(into.div_euclid(self.timing.round_slot.ticks())).ok()?;
         Some((number, slot))
@@ -179,7 +177,8 @@ impl Superframes {
     /// Whether a blink whose first pulse came at this instant is this part of its slot.
     pub fn is_in_part(&self, pulse: RadioInstant, part: u8) -> bool {
         let Some((_, slot)) = self.round_slot_at(pulse) else { return false };
-        let (_, passed) = self.place_of(pulse);
+        let passed = pulse.since(self.phase.start).ticks();
+        let passed = if passed < 0 { passed + self.timing.superframe.ticks() } else { passed };
         (passed - self.timing.blink(slot, part).ticks()).abs() <= self.timing.response_slot.ticks() / 2
     }
 

@@ -161,11 +161,6 @@ impl Uplink {
     }
 
     /// Whether a host reads what this anchor reports.
-    pub fn has_host(&self) -> bool {
-        self.has_host
-    }
-
-    /// Sets whether a host reads what this anchor reports.
     pub fn set_host(&mut self, has_host: bool) {
         self.has_host = has_host;
     }

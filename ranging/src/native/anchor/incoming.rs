@@ -179,7 +179,7 @@ impl Anchor {
                     FollowUpdate::Followed => {}
                     FollowUpdate::Changed(link) => self.link = Some(link),
                 }
-                if self.uplink.has_host() {
+                if self.has_host {
                     let (told, bias) = ((source, sync_frame.superframe), &self.stamps.range_bias);
                     self.arrivals.sync_frame(told, frame.rx_time, &frame.diagnostics, bias);
                 }
@@ -236,7 +236,7 @@ impl Anchor {
                 self.refused = self.refused.wrapping_add(1);
                 return;
             }
-            if self.uplink.has_host() {
+            if self.has_host {
                 let superframe = network.course.phase.number;
                 let (diagnostics, bias) = (&frame.diagnostics, &self.stamps.range_bias);
                 self.arrivals.blink((tag, round), superframe, frame.rx_time, diagnostics, bias);

@@ -104,6 +104,7 @@ pub struct Anchor {
     polled_at: Option<(RadioInstant, bool)>,
     /// The one that the node is reading.
     reported: Option<ReportedRange>,
+    has_host: bool,
     arrivals: Arrivals,
     doing: Doing,
     /// The end of a window that leaves enough time for a transmission.
@@ -177,6 +178,7 @@ impl Anchor {
             polled: Polled { tag: 0, round: 0, asked: 0, age: RadioDuration::ZERO, position: None, data: None },
             polled_at: None,
             reported: None,
+            has_host: false,
             arrivals: Arrivals::default(),
             doing: Doing::Nothing,
             wake_at: None,
@@ -288,9 +290,8 @@ impl Anchor {
         if takes_over {
             self.link = Some(Link::Coordinating);
         }
-        // As in the frame. A look into the frame would move it, which takes hundreds of instructions.
-        self.arrivals.own = phase.number;
         self.doing = Doing::Syncing;
+        self.arrivals.own = sync_frame.superframe;
         self.write_to_all(&Message::SyncFrame(sync_frame), moment);
         Action::Transmit { frame: self.out.bytes(), start: Start::At(start), listen: true }
     }
@@ -382,6 +383,7 @@ impl Anchor {
 
 impl Protocol for Anchor {
     fn set_host(&mut self, has_host: bool) {
+        self.has_host = has_host;
         self.uplink.set_host(has_host);
     }
 

@@ -324,7 +324,7 @@ impl Tag {
         let (timing, phase) = (network.sync.course.timing, network.sync.course.phase);
         let pulse = network.round_in(turns, self.config.address, self.round.most_slots(), uncertainty)?;
         let begin = RadioDuration::from_ticks(i64::from(turns) * timing.superframe.ticks());
-        let held = network.sync.held.saturating_add(1);
+        let held = network.sync.held + 1;
         if held > most || i64::from(held) * begin.ticks() > LONGEST_HOLDOVER.ticks() {
             return None;
         }

@@ -2,7 +2,7 @@
 //! belong to nobody.
 
 use super::schedule::Followed;
-use super::{State, Tag};
+use super::{State, Tag, TagConfig};
 use crate::exchange::Action;
 use crate::native::timing::Timing;
 use crate::native::{SHORTEST_WAIT, spread};
@@ -48,7 +48,7 @@ impl Tag {
     /// The request that is due in this superframe, if this tag's share differs from the wanted one. In the sync slots
     /// there is time for requests before `end`.
     pub(super) fn due_request(&mut self, end: RadioDuration) -> Option<DueRequest> {
-        let (address, rate) = (self.config.address, self.rate);
+        let (TagConfig { address, .. }, rate) = (self.config, self.rate);
         let network = self.network.as_mut()?;
         let timing = network.sync.course.timing;
         let number = network.sync.course.phase.number;
