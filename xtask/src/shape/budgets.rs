@@ -59,7 +59,7 @@ pub const LINES: [(CratePurpose, Budget); 4] = [
     (CratePurpose::Nodes, Budget { what: "lines: nodes", most: 31_000, reach: 25_000 }),
     (CratePurpose::Host, Budget { what: "lines: host and station", most: 43_400, reach: 34_000 }),
     (CratePurpose::Simulation, Budget { what: "lines: simulation", most: 11_000, reach: 11_000 }),
-    (CratePurpose::Tools, Budget { what: "lines: developers' tools", most: 15_400, reach: 10_000 }),
+    (CratePurpose::Tools, Budget { what: "lines: developers' tools", most: 15_450, reach: 10_000 }),
 ];
 
 /// Names of public types that more than two types bear.
