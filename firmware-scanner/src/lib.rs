@@ -183,7 +183,7 @@ mod tests {
                 .map(|of| (of.t_us / 1000, of.rssi_dbm))
                 .collect::<Vec<_>>()
         };
-        // Half a second after 0 the other one is heard, so the first one is told 100 ms later; then from there on.
+        // At 500 ms the other one is received, so the first one is reported 100 ms later, and each half second from then on.
         assert_eq!(of(7), [(0, -60), (600, -66), (1100, -71), (1600, -76), (2100, -81), (2600, -86)]);
         assert_eq!(of(8), [(500, -65), (1500, -75), (2500, -85)]);
         let beacon = BeaconId { network: 0xC2C2_C2C2, major: 1, minor: 7 };

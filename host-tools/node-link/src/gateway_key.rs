@@ -1,7 +1,7 @@
 //! The key of a gateway, which a station has, too: a number and a secret, in a file that both read.
 
 use std::fs::OpenOptions;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result};
@@ -76,7 +76,7 @@ impl GatewayKey {
     /// The file has more than one gateway, is wrong, or cannot be made.
     pub fn read_or_make(file: &Path, name: &str) -> Result<(Self, bool)> {
         if !file.exists() {
-            return Self::make(file, name).map(|made| (made, true));
+            return Self::make(file, name, OpenOptions::new().write(true).create_new(true)).map(|made| (made, true));
         }
         let mut keys = Self::read_all(file)?;
         match (keys.pop(), keys.is_empty()) {
@@ -95,7 +95,7 @@ impl GatewayKey {
         let is_new = |name: &&String| !keys.iter().any(|key| key.name == **name);
         let new: Vec<_> = names.iter().filter(is_new).cloned().collect();
         for name in &new {
-            keys.push(Self::make(file, name)?);
+            keys.push(Self::make(file, name, OpenOptions::new().append(true).create(true))?);
         }
         let of = |name: &String| keys.iter().find(|key| key.name == *name).cloned();
         Ok((names.iter().filter_map(of).collect(), new))
@@ -109,21 +109,26 @@ impl GatewayKey {
         Ok(Self { name: name.to_owned(), gateway, site: None, secret })
     }
 
-    /// Adds a new gateway to a file, which is made, for its owner only, if it does not exist.
-    fn make(file: &Path, name: &str) -> Result<Self> {
+    /// Writes a new gateway to a file that is opened so. A file that is made is for its owner only.
+    fn make(file: &Path, name: &str, options: &mut OpenOptions) -> Result<Self> {
         let made = Self::random(name)?;
-        let mut options = OpenOptions::new();
-        options.append(true).create(true);
         #[cfg(unix)]
-        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+        std::os::unix::fs::OpenOptionsExt::mode(options, 0o600);
         let secret: String = made.secret.iter().map(|byte| format!("{byte:02x}")).collect();
         let text = format!(
             "[[gateway]]\nname = {}\nid = \"0x{:016x}\"\nkey = \"{secret}\"\n",
             toml::Value::from(&*made.name),
             made.gateway
         );
-        let written = options.open(file).and_then(|mut made| made.write_all(text.as_bytes()));
-        written.with_context(|| format!("cannot write {}", file.display())).map(|()| made)
+        let written = options.open(file).and_then(|mut opened| {
+            // The last line of a file that people write may have no end.
+            let separator = if opened.metadata()?.len() > 0 { "\n" } else { "" };
+            opened.write_all(format!("{separator}{text}").as_bytes())
+        });
+        written.map(|()| made).map_err(|error| match error.kind() {
+            ErrorKind::AlreadyExists => anyhow::anyhow!("{} has just been made by another program", file.display()),
+            _ => anyhow::Error::from(error).context(format!("cannot write {}", file.display())),
+        })
     }
 }
 
@@ -157,6 +162,9 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("gateways.toml");
         let (roof, _) = GatewayKey::read_or_make(&file, "roof").expect("made");
+        // As an editor may leave it.
+        let text = std::fs::read_to_string(&file).expect("text");
+        std::fs::write(&file, text.trim_end()).expect("written");
         let names = |names: [&str; 2]| names.map(str::to_owned);
         let (first, new) = GatewayKey::read_and_make(&file, &names(["anchor-1", "roof"])).expect("made");
         assert_eq!((&*first[0].name, first[1] == roof, &new[..]), ("anchor-1", true, &["anchor-1".to_owned()][..]));

@@ -94,17 +94,16 @@ fn room(scenario: &Scenario, network: usize) -> Option<Vec<[f64; 2]>> {
 /// Runs a scenario until the station ends; its time is that of the wall's clock. Only nodes with a cable are read.
 pub fn simulate(scenario: Scenario, site: &str, send: ReportSender<'_>) {
     let mut simulation = Simulation::new(scenario);
-    let mut nodes: HashMap<u16, (Timeline, NodeReporter)> = HashMap::new();
+    // None: nobody reads the node.
+    let mut nodes: HashMap<u16, Option<(Timeline, NodeReporter)>> = HashMap::new();
     let (mut begun, mut now_s) = (Instant::now(), 0.0);
     loop {
         now_s += STEP_S;
         for record in simulation.run_until(now_s) {
             let node = record.node;
-            if !simulation.scenario().has_host(node) {
-                continue;
-            }
-            let (timeline, reporter) =
-                nodes.entry(node).or_insert_with(|| (Timeline::default(), NodeReporter::of(site, node)));
+            let of = || (Timeline::default(), NodeReporter::of(site, node));
+            let is_read = || simulation.scenario().has_host(node).then(of);
+            let Some((timeline, reporter)) = nodes.entry(node).or_insert_with(is_read) else { continue };
             for message in record.messages() {
                 let stamp: Stamp = timeline.place(&message);
                 if !reporter.reports(stamp, &message, Utc::now()).into_iter().all(&mut *send) {

@@ -7,16 +7,12 @@ use std::time::Duration;
 
 use embassy_futures::join::{join, join3};
 use firmware_beacon::{Settings, TelemetrySink};
-use firmware_common::settings::Cipher;
-use firmware_common::{Start, introduce};
 use rand::RngCore;
 use wire::ble::{EddystoneUid, IBeacon};
 use wire::config::Advertiser;
-use wire::telemetry::{Board, ResetCause};
-use wire::uwb::native::software_code;
+use wire::telemetry::Role;
 
-use super::bluetooth_node::BluetoothNode;
-use super::config::eui;
+use super::bluetooth_node::{BluetoothNode, introduced};
 use super::telemetry::Outlet;
 use super::{Format, Scenario};
 use crate::World;
@@ -74,13 +70,10 @@ async fn live(
         Format::Ibeacon => {
             let [low, high] = beacon.address.to_le_bytes();
             let reporter = outlet.boot(None);
-            let (record, eui) = (Ok(Scenario::beacon_record(&beacon, beacon_key)), eui(beacon.address));
-            // A beacon sends no frames that have codes.
-            let cipher = Cipher { seed: 0, make_code: software_code };
-            let start = Start { record, eui, reset: ResetCause::PowerOn, crash: None, cipher };
-            let (hello, followed) = introduce(&reporter, Board::Simulated, wire::telemetry::Role::Beacon, start);
-            let settings = followed.map(|(record, _)| Settings::of(&record, [0xDE, 0xCA, 0, 0, high, low]));
-            let Some(Ok(settings)) = settings else { unreachable!("the site was checked") };
+            let record = Scenario::beacon_record(&beacon, beacon_key);
+            let (hello, record) = introduced(&reporter, Role::Beacon, beacon.address, record);
+            let settings = Settings::of(&record, [0xDE, 0xCA, 0, 0, high, low]);
+            let Ok(settings) = settings else { unreachable!("the site was checked") };
             let mut draws = stream(world.seed(), Purpose::Birth, 1 << 32 | u64::from(beacon.address));
             let random = move |bytes: &mut [u8]| draws.fill_bytes(bytes);
             let app = firmware_beacon::run(radio.clone(), world.delay(), random, &settings, TelemetrySink(&reporter));

@@ -5,11 +5,29 @@ use std::convert::Infallible;
 use std::future::Future;
 use std::pin::Pin;
 
+use firmware_common::settings::Cipher;
+use firmware_common::{Start, introduce};
+use wire::config::Record;
+use wire::telemetry::{Board, Hello, ResetCause, Role};
+use wire::uwb::native::software_code;
+
 use super::FaultKind;
+use super::config::eui;
+use super::telemetry::Reporter;
 use crate::{TaskId, World};
 
 /// What a node does while it is on.
 type Life = Pin<Box<dyn Future<Output = Infallible>>>;
+
+/// Reports the identity of a node with this record, as at each start.
+pub(super) fn introduced(reporter: &Reporter, role: Role, address: u16, record: Record) -> (Hello, Record) {
+    // It sends no frames that have codes.
+    let cipher = Cipher { seed: 0, make_code: software_code };
+    let start = Start { record: Ok(record), eui: eui(address), reset: ResetCause::PowerOn, crash: None, cipher };
+    let (hello, followed) = introduce(reporter, Board::Simulated, role, start);
+    let Some((record, _)) = followed else { unreachable!("the site was checked") };
+    (hello, record)
+}
 
 /// A node that can be switched.
 pub(super) struct BluetoothNode {

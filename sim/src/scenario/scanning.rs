@@ -6,15 +6,11 @@ use std::rc::Rc;
 use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::channel::Channel;
-use firmware_common::settings::Cipher;
-use firmware_common::{Start, introduce};
 use firmware_scanner::Sightings;
-use wire::telemetry::{Board, ResetCause, Role};
-use wire::uwb::native::software_code;
+use wire::telemetry::Role;
 
 use super::Scenario;
-use super::bluetooth_node::BluetoothNode;
-use super::config::eui;
+use super::bluetooth_node::{BluetoothNode, introduced};
 use super::telemetry::Outlet;
 use crate::World;
 use crate::air::Path;
@@ -52,12 +48,8 @@ async fn live(
     outlet: Rc<Outlet>,
 ) -> Infallible {
     let reporter = outlet.boot(None);
-    let (record, eui) = (Ok(Scenario::scanner_record(&scanner, beacon_key)), eui(scanner.address));
-    // A scanner sends no frames that have codes.
-    let cipher = Cipher { seed: 0, make_code: software_code };
-    let start = Start { record, eui, reset: ResetCause::PowerOn, crash: None, cipher };
-    let (hello, followed) = introduce(&reporter, Board::Simulated, Role::Scanner, start);
-    let Some((record, _)) = followed else { unreachable!("the site was checked") };
+    let record = Scenario::scanner_record(&scanner, beacon_key);
+    let (hello, record) = introduced(&reporter, Role::Scanner, scanner.address, record);
     let sightings = Sightings::new(&reporter, &record);
     // The air calls it from other tasks.
     let received = Rc::new(Channel::<NoopRawMutex, _, WAITING>::new());

@@ -104,7 +104,11 @@ pub fn encode_wifi<'b>(wifi: &Wifi, bytes: &'b mut [u8; WIFI_BYTES]) -> &'b [u8]
 /// [`LoadError::Corrupt`] or [`LoadError::Invalid`].
 pub fn wifi_of(page: &[u8]) -> Result<Wifi, LoadError> {
     let bytes = page.get(WIFI_AT..).ok_or(LoadError::Missing)?;
-    let (header, body) = parse(LETTERS, bytes.get(..WIFI_BYTES).unwrap_or(bytes))?;
+    decode(bytes.get(..WIFI_BYTES).unwrap_or(bytes))
+}
+
+fn decode(bytes: &[u8]) -> Result<Wifi, LoadError> {
+    let (header, body) = parse(LETTERS, bytes)?;
     if header.version != WIFI_VERSION {
         return Err(LoadError::Version(header.version));
     }
@@ -120,10 +124,9 @@ pub fn wifi_of(page: &[u8]) -> Result<Wifi, LoadError> {
 /// As [`wifi_of`], or there is no config record. A flash that cannot be read gives [`LoadError::Corrupt`].
 pub fn load_wifi(flash: &mut impl ReadNorFlash, pages: [u32; 2]) -> Result<Wifi, LoadError> {
     let page = page_in_force(flash, pages)?;
-    let mut bytes = [0xFF; WIFI_AT + WIFI_BYTES];
-    let (_, settings) = bytes.split_at_mut(WIFI_AT);
-    flash.read(page + WIFI_AT as u32, settings).map_err(|_| LoadError::Corrupt)?;
-    wifi_of(&bytes)
+    let mut bytes = [0; WIFI_BYTES];
+    flash.read(page + WIFI_AT as u32, &mut bytes).map_err(|_| LoadError::Corrupt)?;
+    decode(&bytes)
 }
 
 #[cfg(test)]

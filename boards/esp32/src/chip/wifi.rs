@@ -120,7 +120,7 @@ fn country(region: Option<Region>) -> [u8; 2] {
 fn controller(radio: WIFI<'static>, wifi: &Wifi, region: Option<Region>) -> Result<WifiController<'static>, WifiError> {
     let authentication = match wifi.password.as_str() {
         "" => AuthenticationMethodConfig::Open,
-        // Access points for WPA3 take WPA2 as well, unless they are told not to.
+        // Access points for WPA3 take WPA2 as well, unless they are configured otherwise.
         password => AuthenticationMethodConfig::Wpa2Personal(password.try_into()?),
     };
     let station =

@@ -66,7 +66,7 @@ pub fn oddities(site: &Site) -> Vec<String> {
             warnings.push(format!("height_m of {} is {height_m}: is it in metres?", node.name));
         }
     }
-    if site.nodes.iter().any(|node| node.wifi.as_ref().is_some_and(|wifi| wifi.key.is_none())) && !site.has_gateways() {
+    if site.nodes.iter().any(|node| node.wifi.is_some()) && !site.has_gateways() {
         warnings.push(
             "[wifi] has no `gateways`: telemetry goes without a key, and a station takes that with --open-udp only"
                 .to_owned(),

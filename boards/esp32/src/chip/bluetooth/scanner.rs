@@ -1,4 +1,5 @@
-//! The scanner of a tag, or of a node that does nothing else. The scan is passive, and reports every advertisement, duplicates too.
+//! The scanner of a tag, or of a node that does nothing else. The scan is passive, and reports every advertisement,
+//! duplicates too.
 
 use core::convert::Infallible;
 
