@@ -15,6 +15,7 @@ use firmware_common::Reporter;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::radio::Sensors;
 use ranging::{RadioInstant, Restart};
+use wire::uwb::native::Downlink;
 
 pub use ranging::node::Listener;
 
@@ -43,6 +44,10 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Listener for TelemetrySink
 
     fn has_host(&self) -> bool {
         self.0.host.is_there()
+    }
+
+    fn message(&mut self) -> Option<Downlink> {
+        self.0.host.message()
     }
 
     fn refused(&mut self, frames: u32) {

@@ -91,6 +91,15 @@ impl<M: RawMutex, const BYTES: usize> EventLog<M, BYTES> {
         self.state(t_us, is);
     }
 
+    /// The lights show where the node is, until `until_us`.
+    pub fn identify(&self, until_us: u64) {
+        self.lights.lock(|lights| {
+            let mut shown = lights.get();
+            shown.identify(until_us);
+            lights.set(shown);
+        });
+    }
+
     /// What the lights show of the state that was reported last.
     pub fn lit(&self, t_us: u64) -> Lit {
         self.lights.lock(Cell::get).at(t_us)

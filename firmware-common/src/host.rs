@@ -1,37 +1,82 @@
 //! Whether a host reads what a node reports: such an anchor is a gateway for others.
 
+use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-/// A channel to a host. Writing never waits.
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use wire::uwb::native::Downlink;
+
+/// A channel to a host. Writing never waits, nor does reading.
 pub trait HostChannel {
     /// Writes a whole frame, or nothing if there is no room now. Returns whether it was written.
     fn write(&mut self, frame: &[u8]) -> bool;
 
     /// Whether the host has read all that was written. Never, of a channel that cannot know.
     fn is_read(&self) -> bool;
+
+    /// Reads bytes of the host's messages to tags. Returns how many there were.
+    fn read(&mut self, into: &mut [u8]) -> usize;
 }
 
 /// A host that has not read a frame for this long is gone, microseconds.
 const PATIENCE_US: u64 = 1_000_000;
 
-/// Whether a host is there, for a `static`. One task writes it.
-#[derive(Debug, Default)]
-pub struct Host(AtomicBool);
+/// The host, for a `static`: whether it is there, and what it wants to tell tags.
+pub struct Host<M: RawMutex> {
+    is_there: AtomicBool,
+    has_message: AtomicBool,
+    message: Mutex<M, Cell<Option<Downlink>>>,
+}
 
-impl Host {
+impl<M: RawMutex> Host<M> {
     /// None.
     pub const fn new() -> Self {
-        Self(AtomicBool::new(false))
+        Self {
+            is_there: AtomicBool::new(false),
+            has_message: AtomicBool::new(false),
+            message: Mutex::new(Cell::new(None)),
+        }
     }
 
     /// Whether it is there.
     pub fn is_there(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.is_there.load(Ordering::Relaxed)
     }
 
     /// It is there, or not.
     pub fn set(&self, is_there: bool) {
-        self.0.store(is_there, Ordering::Relaxed);
+        self.is_there.store(is_there, Ordering::Relaxed);
+    }
+
+    /// Whether the exchange has not taken the host's last message to a tag yet.
+    pub fn has_message(&self) -> bool {
+        self.has_message.load(Ordering::Relaxed)
+    }
+
+    /// The host tells a tag something, in place of what the exchange has not taken yet.
+    pub fn put(&self, message: Downlink) {
+        self.message.lock(|place| place.set(Some(message)));
+        self.has_message.store(true, Ordering::Relaxed);
+    }
+
+    /// Takes the message to a tag. It costs next to nothing as long as there is none.
+    #[inline]
+    pub fn message(&self) -> Option<Downlink> {
+        if self.has_message() { self.take_message() } else { None }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn take_message(&self) -> Option<Downlink> {
+        self.has_message.store(false, Ordering::Relaxed);
+        self.message.lock(Cell::take)
+    }
+}
+
+impl<M: RawMutex> Default for Host<M> {
+    fn default() -> Self {
+        Self::new()
     }
 }
 

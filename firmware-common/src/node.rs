@@ -9,6 +9,7 @@ use embedded_hal_async::delay::DelayNs;
 use static_cell::StaticCell;
 use wire::config::{Board, Invalid, LoadError, Record};
 use wire::telemetry::{Condition, Crash, CrashReason, Hello, RecordError, ResetCause, Role};
+use wire::to_node::FrameReader;
 
 use crate::host::HostWatch;
 use crate::settings::Cipher;
@@ -134,8 +135,10 @@ impl Node {
     ) -> Infallible {
         let reporter = self.reporter;
         let mut host = HostWatch::default();
+        let mut messages = FrameReader::new();
         loop {
             let mut is_quiet = true;
+            take_messages(reporter, &mut channel, &mut messages);
             reporter.host.set(host.look(reporter.now_us(), channel.is_read()));
             reporter.event_log.drain(|frame| {
                 is_quiet = false;
@@ -155,6 +158,17 @@ impl Node {
                 }
             }
             delay.delay_ms(if is_quiet { QUIET_LOOK_MS } else { LOOK_MS }).await;
+        }
+    }
+}
+
+/// Passes the host's messages to tags on to the exchange. What it has no room for stays in the channel.
+#[inline(never)]
+fn take_messages(reporter: &Reporter, channel: &mut impl HostChannel, messages: &mut FrameReader) {
+    let mut byte = [0];
+    while !reporter.host.has_message() && channel.read(&mut byte) > 0 {
+        if let Some(message) = messages.feed(byte[0]) {
+            reporter.host.put(message);
         }
     }
 }

@@ -4,7 +4,7 @@ use ranging::exchange::{Action, Event, Guidance, Protocol};
 use ranging::native::{Rate, ReplyDelay};
 use ranging::radio::Sensors;
 use ranging::{Pace, RadioDuration, RadioInstant, StampModel, decaranging, native};
-use wire::uwb::native::UserData;
+use wire::uwb::native::{Downlink, UserData};
 
 use crate::settings::{ProtocolConfig, Settings};
 
@@ -161,8 +161,14 @@ impl Protocol for TagProtocol {
         }
     }
 
-    fn carried(&mut self) -> Option<u8> {
+    fn carried(&mut self) -> Option<(bool, u8)> {
         if let Self::Native(tag) = self { tag.carried() } else { None }
+    }
+
+    fn send_down(&mut self, message: Downlink) {
+        if let Self::Native(tag) = self {
+            tag.send_down(message);
+        }
     }
 
     // No other mode has frames for them.
@@ -204,6 +210,12 @@ impl Protocol for AnchorProtocol {
     }
 
     // No other mode passes on what it hears.
+    fn send_down(&mut self, message: Downlink) {
+        if let Self::Native(anchor) = self {
+            anchor.send_down(message);
+        }
+    }
+
     fn set_host(&mut self, has_host: bool) {
         if let Self::Native(anchor) = self {
             anchor.set_host(has_host);

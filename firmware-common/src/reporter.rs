@@ -7,7 +7,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::{Event, Polled, Report};
 use ranging::radio::Sensors;
-use wire::telemetry::{Hello, Supply, TagData, TagFix};
+use wire::telemetry::{Hello, Supply, TagAnswer, TagData, TagFix};
 use wire::uwb::native::PolledPosition;
 
 use crate::messages::{arrival_message, range_message};
@@ -25,8 +25,8 @@ pub struct Reporter<M: RawMutex, const BYTES: usize, C = fn() -> u64> {
     pub event_log: EventLog<M, BYTES>,
     /// The counters.
     pub counts: Counts,
-    /// Whether a host reads this.
-    pub host: Host,
+    /// Whether a host reads this, and what it tells tags.
+    pub host: Host<M>,
     /// The heartbeat of the task that owns the radio.
     pub ranging: Heartbeat,
     /// The heartbeat of the task that computes positions. An anchor has no such task.
@@ -80,6 +80,8 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
             Report::Differences(_) => {}
             Report::Polled(polled) => self.polled(now, polled),
             Report::Arrival(arrival) => self.event_log.send(arrival_message(now, &arrival)),
+            // An anchor passes messages to tags on, and has none for itself.
+            Report::Downlink(_) => {}
             Report::Link(link) => self.event_log.link(now, link),
         }
     }
@@ -93,7 +95,13 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Reporter<M, BYTES, C> {
             self.event_log.send(TagFix { t_us, tag, round, asked, age_us, position });
         }
         if let Some(data) = data {
-            self.event_log.send(TagData::new(t_us, age_us, tag, &data));
+            match data.answer() {
+                Some(answer) => {
+                    let (number, code) = (data.number(), answer as u8);
+                    self.event_log.send(TagAnswer { t_us, tag, number, age_us, code });
+                }
+                None => self.event_log.send(TagData::new(t_us, age_us, tag, &data)),
+            }
         }
     }
 

@@ -67,10 +67,13 @@ pub struct Lit {
 /// | synchronised, network-full | state | two flashes a second |
 /// | paired, joined, coordinating, following, advertising | state | on |
 ///
-/// A restart of the scanner does not change the lights. A map that is not used does not change them either.
+/// A restart of the scanner does not change the lights. A map that is not used does not change them either. A tag that a
+/// person looks for shows its state's light a quarter of a second on and off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Lights {
     shown: Condition,
+    /// A person looks for this node until then, microseconds since the start.
+    wanted_until_us: u64,
 }
 
 impl Default for Lights {
@@ -82,7 +85,12 @@ impl Default for Lights {
 impl Lights {
     /// The lights of a node that has reported no state yet.
     pub const fn new() -> Self {
-        Self { shown: Condition::Searching }
+        Self { shown: Condition::Searching, wanted_until_us: 0 }
+    }
+
+    /// A person looks for this node until `until_us`.
+    pub fn identify(&mut self, until_us: u64) {
+        self.wanted_until_us = until_us;
     }
 
     /// Shows this state from now on.
@@ -112,6 +120,9 @@ impl Lights {
     /// Which lights are on at this time. 20 calls a second are enough to show every pattern.
     pub fn at(&self, t_us: u64) -> Lit {
         let ms = (t_us / 1000 % 1000) as u32;
+        if t_us < self.wanted_until_us {
+            return Lit { state: ms % 500 < 250, fault: false };
+        }
         let (state, fault) = match self.shown {
             Condition::NoRecord(_) | Condition::WrongRecord => (false, ms < 500),
             Condition::RadioFailed(_) => (false, ms % 200 < 100),
@@ -188,6 +199,17 @@ mod tests {
         assert_eq!(lit(Condition::NetworkFull), (2, 0));
         assert_eq!(lit(Condition::Unlisted), (2, 0));
         assert_eq!(lit(Condition::Joined(1)), (20, 0));
+    }
+
+    #[test]
+    fn who_is_looked_for_flashes_until_then_and_shows_its_state_again() {
+        let mut lights = Lights::default();
+        lights.show(Condition::RadioFailed(1));
+        lights.identify(10_000_000);
+        let on = |from_us: u64| (0..20).map(|look| lights.at(from_us + 50_000 * look)).filter(|lit| lit.state).count();
+        assert_eq!((on(9_000_000), on(10_000_000)), (10, 0));
+        assert!((0..20).all(|look| !lights.at(9_000_000 + 50_000 * look).fault));
+        assert!(lights.at(10_000_000).fault);
     }
 
     #[test]

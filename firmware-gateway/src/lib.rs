@@ -20,13 +20,16 @@ mod queue;
 use core::cell::RefCell;
 
 use embassy_futures::select::{Either, select};
+use heapless::Deque;
 use embedded_hal_async::delay::DelayNs;
 use wire::config::{Wifi, WifiKey};
-use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, MAX_FRAMES, Receipt, Received, Secret, parse, sealed};
+use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, MAX_FRAMES, Receipt, Received, Secret, ToNode, parse, sealed};
 
 use clock::StationClock;
 use queue::Queue;
 
+/// Bytes of the station's messages to tags that may wait for the node: three messages.
+const MESSAGE_BYTES: usize = 128;
 /// Datagrams that may be without a receipt at a time.
 const WINDOW: usize = 8;
 /// A station that has not taken frames of this age does not read what is sent, microseconds: frames wait a tenth of a second
@@ -81,12 +84,25 @@ pub struct Gateway<const BYTES: usize> {
     asked_us: Option<u64>,
     /// When the last one was sent while the station was unknown or away.
     probed_us: Option<u64>,
+    /// What the station tells the node, …
+    messages: Deque<u8, MESSAGE_BYTES>,
+    /// … and when it sent the last of it, by its own clock: an older datagram was recorded and sent again.
+    told_us: u64,
 }
 
 impl<const BYTES: usize> Gateway<BYTES> {
     /// A gateway whose datagrams are counted in this session: a number that no other run of the node has.
     pub const fn new(identity: GatewayIdentity, session: u32) -> Self {
-        Self { identity, session, queue: Queue::new(), station: None, asked_us: None, probed_us: None }
+        Self {
+            identity,
+            session,
+            queue: Queue::new(),
+            station: None,
+            asked_us: None,
+            probed_us: None,
+            messages: Deque::new(),
+            told_us: 0,
+        }
     }
 
     /// Takes a frame of telemetry. In a full queue it takes the place of the oldest ones.
@@ -142,9 +158,40 @@ impl<const BYTES: usize> Gateway<BYTES> {
         Some(sealed(self.identity.secret.as_ref(), length, out))
     }
 
-    /// Takes bytes that came from the network. Returns whether they are a receipt for this gateway.
+    /// Reads bytes of the station's messages to tags, in frames as a cable has them. Returns how many there were.
+    pub fn read(&mut self, into: &mut [u8]) -> usize {
+        let received = into.iter_mut().zip(core::iter::from_fn(|| self.messages.pop_front()));
+        received.map(|(place, byte)| *place = byte).count()
+    }
+
+    /// Takes bytes that came from the network. Returns whether they are a datagram for this gateway.
     pub fn receive(&mut self, bytes: &[u8], now_us: u64) -> bool {
-        let Some(receipt) = self.authentic(bytes) else { return false };
+        match self.authentic(bytes) {
+            Some(Datagram::Receipt(receipt)) => self.on_receipt(&receipt, now_us),
+            Some(Datagram::ToNode(told)) => self.on_message(&told),
+            Some(Datagram::Telemetry(_)) | None => false,
+        }
+    }
+
+    /// A message for which there is no room is lost: the station sends it again.
+    fn on_message(&mut self, told: &ToNode<'_>) -> bool {
+        let is_ours = told.gateway == self.identity.gateway && told.session == self.session;
+        let is_present = self.station.is_some_and(|station| station.run == told.station) && told.sent_us > self.told_us;
+        if !is_ours || !is_present {
+            return false;
+        }
+        self.told_us = told.sent_us;
+        if told.frames.len() <= self.messages.capacity() - self.messages.len() {
+            self.messages.extend(told.frames.iter().copied());
+        }
+        true
+    }
+
+    fn on_receipt(&mut self, receipt: &Receipt, now_us: u64) -> bool {
+        let is_ours = receipt.gateway == self.identity.gateway && receipt.session == self.session;
+        if !is_ours || receipt.station == 0 {
+            return false;
+        }
         let asked_us = self.asked_us.take().unwrap_or(now_us);
         let clock = |sent_us| StationClock::of(receipt.sent_us, sent_us, now_us);
         let clock = match self.station {
@@ -155,6 +202,7 @@ impl<const BYTES: usize> Gateway<BYTES> {
             }
             known => {
                 self.queue.recall();
+                self.told_us = 0;
                 // Nobody knows which of the datagrams it answers.
                 known.map_or_else(|| clock(asked_us), |known| known.clock.or_better(clock(asked_us)))
             }
@@ -163,15 +211,14 @@ impl<const BYTES: usize> Gateway<BYTES> {
         true
     }
 
-    fn authentic(&self, bytes: &[u8]) -> Option<Receipt> {
-        let Ok(Received { datagram: Datagram::Receipt(receipt), signed, code }) = parse(bytes) else { return None };
+    fn authentic<'d>(&self, bytes: &'d [u8]) -> Option<Datagram<'d>> {
+        let Received { datagram, signed, code } = parse(bytes).ok()?;
         let is_right = match (&self.identity.secret, code) {
             (Some(secret), Some(code)) => secret.is_code(signed, code),
             (Some(_), None) => false,
             (None, _) => true,
         };
-        let is_ours = receipt.gateway == self.identity.gateway && receipt.session == self.session;
-        (is_right && is_ours && receipt.station != 0).then_some(receipt)
+        is_right.then_some(datagram)
     }
 }
 

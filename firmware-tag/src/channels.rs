@@ -3,6 +3,7 @@
 //! The guidance contains how long the engine will be busy, so that the exchange makes no rounds that would be dropped.
 
 use core::cell::{Cell, RefCell};
+use core::sync::atomic::{AtomicBool, Ordering};
 
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
@@ -15,7 +16,7 @@ use ranging::RadioDuration;
 use ranging::exchange::{self, Difference, Differences, Guidance, Range};
 use ranging::native::{MAX_ROUND, Rate};
 use wire::ble::Advertised;
-use wire::uwb::native::UserData;
+use wire::uwb::native::{Answer, UserData};
 
 use crate::Sounding;
 use crate::workload::Workload;
@@ -26,6 +27,11 @@ const ROUNDS: usize = 2;
 const SIGHTINGS: usize = 8;
 /// Data of the user that may wait for polls.
 pub const DATA: usize = 4;
+/// Answers to messages of hosts that may wait for polls, and the polls that carry each.
+const ANSWERS: usize = 2;
+const ANSWER_POLLS: u8 = 2;
+/// Messages of hosts that may wait for the program.
+const MESSAGES: usize = 2;
 
 /// Why data cannot be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,15 +43,28 @@ pub enum SendError {
     Full,
 }
 
-/// Data of the user that wait for polls, and the number of the next.
+/// Data of the user that wait for polls, and the number of the next. Answers to hosts come first.
 struct Outbox {
     next: u8,
+    answers: Deque<(UserData, u8), ANSWERS>,
     waiting: Deque<(UserData, u8), DATA>,
 }
 
 impl Outbox {
     const fn new() -> Self {
-        Self { next: 0, waiting: Deque::new() }
+        Self { next: 0, answers: Deque::new(), waiting: Deque::new() }
+    }
+
+    fn answer(&mut self, number: u8, answer: Answer) {
+        if self.answers.is_full() {
+            self.answers.pop_front();
+        }
+        // There is a place now.
+        let _ = self.answers.push_back((UserData::answering(number, answer), ANSWER_POLLS));
+    }
+
+    fn front(&self) -> Option<UserData> {
+        self.answers.front().or(self.waiting.front()).map(|(data, _)| *data)
     }
 
     fn push(&mut self, bytes: &[u8], polls: u8) -> Result<u8, SendError> {
@@ -55,18 +74,23 @@ impl Outbox {
         Ok(data.number())
     }
 
-    /// A poll has carried data of this number.
-    fn sent(&mut self, number: u8) {
-        let is_last = match self.waiting.front_mut() {
-            Some((data, polls)) if data.number() == number => {
-                *polls = polls.saturating_sub(1);
-                *polls == 0
-            }
-            Some(_) | None => false,
-        };
-        if is_last {
-            self.waiting.pop_front();
+    /// A poll has carried the data with this [`UserData::id`].
+    fn sent(&mut self, id: (bool, u8)) {
+        note_sent(&mut self.answers, id);
+        note_sent(&mut self.waiting, id);
+    }
+}
+
+fn note_sent<const N: usize>(waiting: &mut Deque<(UserData, u8), N>, id: (bool, u8)) {
+    let is_last = match waiting.front_mut() {
+        Some((data, polls)) if data.id() == id => {
+            *polls = polls.saturating_sub(1);
+            *polls == 0
         }
+        Some(_) | None => false,
+    };
+    if is_last {
+        waiting.pop_front();
     }
 }
 
@@ -204,6 +228,11 @@ pub struct TaskChannels<M: RawMutex> {
     /// The guidance has a rate that must be taken now and not at the next report.
     rouse: Signal<M, ()>,
     outbox: Mutex<M, RefCell<Outbox>>,
+    messages: Channel<M, UserData, MESSAGES>,
+    /// The program has asked for messages.
+    takes_messages: AtomicBool,
+    /// The rate that a host has asked for, rounds in 100 s; 0 is that of the record.
+    asked_rate: Signal<M, u32>,
     /// Advertisements received from any sender: a sign that the scanner works.
     pub(crate) heard: Tally,
 }
@@ -220,6 +249,9 @@ impl<M: RawMutex> TaskChannels<M> {
             movement: Signal::new(),
             rouse: Signal::new(),
             outbox: Mutex::new(RefCell::new(Outbox::new())),
+            messages: Channel::new(),
+            takes_messages: AtomicBool::new(false),
+            asked_rate: Signal::new(),
             heard: Tally::new(),
         }
     }
@@ -280,15 +312,45 @@ impl<M: RawMutex> TaskChannels<M> {
         self.outbox.lock(|outbox| outbox.borrow_mut().push(bytes, polls))
     }
 
-    /// The data for the next poll. The last poll carried those of the number `carried`.
+    /// The next message of a host to the tag's program. A message that comes while the program has not taken [`MESSAGES`]
+    /// earlier ones, or has never asked for one, is refused, and its host is told so.
+    pub async fn next_message(&self) -> UserData {
+        self.takes_messages.store(true, Ordering::Relaxed);
+        self.messages.receive().await
+    }
+
+    /// A host has a message for the tag's program.
+    pub(crate) fn put_message(&self, data: UserData) -> Answer {
+        if !self.takes_messages.load(Ordering::Relaxed) {
+            return Answer::Unknown;
+        }
+        self.messages.try_send(data).map_or(Answer::Full, |()| Answer::Taken)
+    }
+
+    /// Answers a host's message with this number, in the next polls.
+    pub(crate) fn answer(&self, number: u8, answer: Answer) {
+        self.outbox.lock(|outbox| outbox.borrow_mut().answer(number, answer));
+    }
+
+    /// A host asks for this rate, rounds in 100 s; 0 is that of the record.
+    pub(crate) fn ask_rate(&self, chz: u32) {
+        self.asked_rate.signal(chz);
+    }
+
+    /// The rate that a host has asked for since the last call.
+    pub(crate) fn asked_rate(&self) -> Option<u32> {
+        self.asked_rate.try_take()
+    }
+
+    /// The data for the next poll. The last poll carried those with the [`UserData::id`] `carried`.
     #[inline(never)]
-    pub(crate) fn data(&self, carried: Option<u8>) -> Option<UserData> {
+    pub(crate) fn data(&self, carried: Option<(bool, u8)>) -> Option<UserData> {
         self.outbox.lock(|outbox| {
             let mut outbox = outbox.borrow_mut();
-            if let Some(number) = carried {
-                outbox.sent(number);
+            if let Some(id) = carried {
+                outbox.sent(id);
             }
-            outbox.waiting.front().map(|(data, _)| *data)
+            outbox.front()
         })
     }
 
@@ -384,7 +446,8 @@ mod tests {
     #[test]
     fn data_wait_until_as_many_polls_have_carried_them() {
         let channels = TaskChannels::<NoopRawMutex>::new();
-        let after = |carried| channels.data(carried).map(|data| (data.number(), data.bytes().to_vec()));
+        let of = |carried| channels.data(carried).map(|data| (data.number(), data.bytes().to_vec()));
+        let after = |carried: Option<u8>| of(carried.map(|number| (false, number)));
         assert_eq!((channels.send(b"a", 2), channels.send(b"bc", 0)), (Ok(0), Ok(1)));
         assert_eq!([channels.send(&[], 1), channels.send(&[0; 25], 1)], [Err(SendError::Length); 2]);
         let (first, second) = (Some((0, b"a".to_vec())), Some((1, b"bc".to_vec())));

@@ -11,6 +11,7 @@
 #![forbid(unsafe_code)]
 
 mod channels;
+mod commands;
 mod config;
 pub mod motion;
 #[cfg(feature = "node")]
@@ -39,9 +40,10 @@ use ranging::node::Listener;
 use ranging::radio::Sensors;
 use ranging::{Radio, RadioDuration, RadioInstant, Restart};
 use wire::telemetry::{Condition, MotionSensor, Sighting};
-use wire::uwb::native::{PolledPosition, UserData};
+use wire::uwb::native::{Downlink, PolledPosition, UserData};
 
 use channels::Quiet;
+use commands::Commands;
 use sounding::Sounder;
 
 pub use channels::{DATA, Measured, ReceivedAdvertisement, RssiWindow, SendError, TaskChannels};
@@ -115,6 +117,12 @@ pub trait Sink {
 
     /// The scanner was silent and has been restarted, `times` times so far.
     fn scanner_restarted(&self, times: u32);
+
+    /// The host's next message to a tag.
+    fn message(&self) -> Option<Downlink>;
+
+    /// A person looks for this tag until this time, microseconds since the node started.
+    fn identify(&self, until_us: u64);
 }
 
 /// Sees what a tag reports, before it is reported. Examples: a display, a simulation that accounts for the
@@ -153,13 +161,7 @@ pub async fn ranging<R: Restart, M: RawMutex>(
     channels: &TaskChannels<M>,
     sink: &impl Sink,
 ) -> Infallible {
-    ranging::node::run(
-        &mut radio,
-        &mut delay,
-        &mut machine,
-        &mut Ranging { channels, sink, sounder: Sounder::default() },
-    )
-    .await
+    ranging::node::run(&mut radio, &mut delay, &mut machine, &mut RangingListener::new(channels, sink)).await
 }
 
 /// The task that computes positions. It alone owns the solver and the track. It can follow `BEACONS` listed beacons:
@@ -177,6 +179,9 @@ pub async fn engine<const BEACONS: usize, M: RawMutex>(
     let mut fix = None;
     loop {
         sink.alive(Task::Engine);
+        if let Some(rate) = channels.asked_rate().and_then(|chz| rates.ask(chz)) {
+            channels.rouse(rate);
+        }
         let idle_ms = match tracker.window_end_us() {
             Some(end_us) => (end_us.saturating_sub(sink.now_us()).div_ceil(1000)).min(IDLE_MS.into()) as u32,
             None => IDLE_MS,
@@ -239,13 +244,19 @@ pub async fn engine<const BEACONS: usize, M: RawMutex>(
 }
 
 /// What the ranging loop reports to.
-struct Ranging<'a, M: RawMutex, S> {
+pub struct RangingListener<'a, M: RawMutex, S> {
     channels: &'a TaskChannels<M>,
     sink: &'a S,
     sounder: Sounder,
+    commands: Commands,
 }
 
-impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
+impl<'a, M: RawMutex, S: Sink> RangingListener<'a, M, S> {
+    /// A listener between these channels and this sink.
+    pub fn new(channels: &'a TaskChannels<M>, sink: &'a S) -> Self {
+        Self { channels, sink, sounder: Sounder::default(), commands: Commands::default() }
+    }
+
     /// The radio is not used for this time.
     fn rest(&self, duration: RadioDuration) {
         let micros = u64::try_from(duration.as_micros()).unwrap_or(0);
@@ -262,7 +273,7 @@ impl<M: RawMutex, S: Sink> Ranging<'_, M, S> {
     }
 }
 
-impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
+impl<M: RawMutex, S: Sink> Listener for RangingListener<'_, M, S> {
     async fn report(&mut self, report: Report<'_>, present: RadioInstant) -> Guidance {
         let now_us = self.sink.now_us();
         // When a poll was sent or received.
@@ -272,6 +283,10 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
             Report::Round(round) => self.channels.put_ranges(&round, poll_us(round.poll), self.sounder.take()),
             Report::Differences(round) => {
                 self.channels.put_differences(&round, poll_us(round.poll), self.sounder.take())
+            }
+            Report::Downlink(received) => {
+                self.commands.obey(received, self.channels, self.sink);
+                0
             }
             // Anchors report the polls and the arrivals of others' frames.
             Report::Polled(_) | Report::Arrival(_) => 0,
@@ -292,8 +307,12 @@ impl<M: RawMutex, S: Sink> Listener for Ranging<'_, M, S> {
         Some(self.present_guidance(self.sink.now_us()))
     }
 
-    fn data(&mut self, carried: Option<u8>) -> Option<UserData> {
+    fn data(&mut self, carried: Option<(bool, u8)>) -> Option<UserData> {
         self.channels.data(carried)
+    }
+
+    fn message(&mut self) -> Option<Downlink> {
+        self.sink.message()
     }
 
     async fn look<R: Radio>(&mut self, radio: &mut R, _: &Report<'_>) -> Result<bool, R::Error> {

@@ -13,9 +13,12 @@ use ranging::radio::Config;
 use static_cell::StaticCell;
 use wire::config::Role;
 use wire::telemetry::Condition;
+use wire::uwb::native::UserData;
 
 use crate::motion::MotionSensor;
-use crate::{AnchorPosition, LocatorConfig, RateControl, SendError, Sink, TelemetrySink, anchor_positions, motion};
+use crate::{
+    AnchorPosition, LocatorConfig, RangingListener, RateControl, SendError, Sink, TelemetrySink, anchor_positions, motion,
+};
 
 pub use crate::nlos_model::NlosModelStore;
 
@@ -144,12 +147,22 @@ impl Tag {
         crate::ranging(exchange.radio, delay, exchange.machine, self.channels, sink).await
     }
 
+    /// What the task that owns the radio reports to, where a board has a loop of its own.
+    pub fn listener<'s, S: Sink>(&self, sink: &'s S) -> RangingListener<'s, Guard, S> {
+        RangingListener::new(self.channels, sink)
+    }
+
     /// [`TaskChannels::send`](crate::TaskChannels::send): data for the hosts of anchors, from any task of the program.
     ///
     /// # Errors
     /// As there.
     pub fn send(&self, bytes: &[u8], polls: u8) -> Result<u8, SendError> {
         self.channels.send(bytes, polls)
+    }
+
+    /// [`TaskChannels::next_message`](crate::TaskChannels::next_message): what hosts tell the program.
+    pub async fn next_message(&self) -> UserData {
+        self.channels.next_message().await
     }
 
     /// The task that computes positions.

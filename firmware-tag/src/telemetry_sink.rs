@@ -7,6 +7,7 @@ use ranging::exchange::{Event, Link};
 use ranging::radio::Sensors;
 use wire::config::Solver;
 use wire::telemetry::{Condition, Doubt, Fix, MotionSensor, Outcome, Sighting};
+use wire::uwb::native::Downlink;
 
 use crate::{Measured, Observer, Position, RoomReport, RoundOutcome, Sink, Task};
 
@@ -130,6 +131,14 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
     fn heard(&self, dropped: u32) {
         self.reporter.counts.sightings.add();
         (0..dropped).for_each(|_| self.reporter.counts.sightings_dropped.add());
+    }
+
+    fn message(&self) -> Option<Downlink> {
+        self.reporter.host.message()
+    }
+
+    fn identify(&self, until_us: u64) {
+        self.reporter.event_log.identify(until_us);
     }
 
     fn scanner_restarted(&self, times: u32) {

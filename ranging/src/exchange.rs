@@ -10,7 +10,7 @@
 use crate::native::Rate;
 use crate::radio::Sensors;
 use crate::{Diagnostics, Pace, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
-use wire::uwb::native::{PolledPosition, UserData};
+use wire::uwb::native::{Downlink, PolledPosition, UserData};
 
 pub use wire::telemetry::ArrivedFrame;
 
@@ -92,8 +92,20 @@ pub enum Report<'m> {
     Polled(&'m Polled),
     /// A frame has arrived at an anchor whose host computes the positions of tags.
     Arrival(Arrival),
+    /// A host's message to this tag.
+    Downlink(&'m ReceivedMessage),
     /// A change of state.
     Link(Link),
+}
+
+/// A host's message to a tag, as the tag received it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ReceivedMessage {
+    /// The message.
+    pub message: Downlink,
+    /// Nobody can have forged it: it came with a code, or from the host itself.
+    pub is_trusted: bool,
 }
 
 /// What a tag's poll carries for hosts, as an anchor received it, asked or not, or as other anchors passed it on.
@@ -257,9 +269,9 @@ pub trait Protocol {
         let _ = guidance;
     }
 
-    /// The number of the data of the user that a tag's last poll carried, once for each poll. It is asked for beside
-    /// [`Protocol::guide`] …
-    fn carried(&mut self) -> Option<u8> {
+    /// What tells the data of the user that a tag's last poll carried ([`UserData::id`]), once for each poll. It is asked for
+    /// beside [`Protocol::guide`] …
+    fn carried(&mut self) -> Option<(bool, u8)> {
         None
     }
 
@@ -271,6 +283,11 @@ pub trait Protocol {
     /// Whether a host reads what the node reports: such an anchor is a gateway.
     fn set_host(&mut self, has_host: bool) {
         let _ = has_host;
+    }
+
+    /// A host's message to a tag, which a gateway is to send.
+    fn send_down(&mut self, message: Downlink) {
+        let _ = message;
     }
 
     /// Frames that were received and refused since the start, wrapping: they contradicted what the protocol knew of the
@@ -308,8 +325,12 @@ impl<M: Protocol + ?Sized> Protocol for &mut M {
         (**self).guide(guidance);
     }
 
-    fn carried(&mut self) -> Option<u8> {
+    fn carried(&mut self) -> Option<(bool, u8)> {
         (**self).carried()
+    }
+
+    fn send_down(&mut self, message: Downlink) {
+        (**self).send_down(message);
     }
 
     fn carry(&mut self, data: Option<UserData>) {

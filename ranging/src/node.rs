@@ -8,7 +8,7 @@ use core::future::pending;
 
 use embassy_futures::select::{Either, select};
 use embedded_hal_async::delay::DelayNs;
-use wire::uwb::native::UserData;
+use wire::uwb::native::{Downlink, UserData};
 
 use crate::exchange::{Action, Event, Guidance, Protocol, Report};
 use crate::radio::{MAX_FRAME, Sensors};
@@ -58,6 +58,11 @@ pub trait Listener {
         false
     }
 
+    /// The next message of the host to a tag.
+    fn message(&mut self) -> Option<Downlink> {
+        None
+    }
+
     /// The present guidance, after a wait in which the node may have computed the last round. `None`: that of the last
     /// report is the newest.
     fn guidance(&mut self) -> Option<Guidance> {
@@ -70,8 +75,8 @@ pub trait Listener {
     }
 
     /// Data of the user for a tag's next poll, asked for after [`Listener::report`] and [`Listener::guidance`]. The last
-    /// poll carried those of the number `carried`.
-    fn data(&mut self, carried: Option<u8>) -> Option<UserData> {
+    /// poll carried those with the [`UserData::id`] `carried`.
+    fn data(&mut self, carried: Option<(bool, u8)>) -> Option<UserData> {
         let _ = carried;
         None
     }
@@ -115,6 +120,9 @@ async fn attempt<R: Restart>(
     loop {
         count_refused(&mut refused, machine, listener);
         machine.set_host(listener.has_host());
+        if let Some(message) = listener.message() {
+            machine.send_down(message);
+        }
         let action = machine.step(now, event);
         listener.observe(now, &event, &action);
         let wait = match action {

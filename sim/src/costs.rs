@@ -15,7 +15,7 @@ use ranging::Restart;
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
 use ranging::radio::{Capabilities, MAX_FRAME, RangeBias, Sample, Sensors, StampModel};
 use ranging::{Pace, Radio, RadioDuration, RadioInstant, ReceiveError, ResponseWindow, RxFrame, Start, TransmitError};
-use wire::uwb::native::{Frame, IntegrityCode, Message, Nonce, SyncFrame, UserData, software_code};
+use wire::uwb::native::{Downlink, Frame, IntegrityCode, Message, Nonce, SyncFrame, UserData, software_code};
 
 const TABLE: &str = include_str!("costs.csv");
 
@@ -278,7 +278,7 @@ impl ProtocolCosts {
         };
         let reports_round = match action {
             Action::Report(Report::Round(_) | Report::Differences(_)) => true,
-            Action::Report(Report::Polled(_) | Report::Arrival(_) | Report::Link(_))
+            Action::Report(Report::Polled(_) | Report::Arrival(_) | Report::Link(_) | Report::Downlink(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
             | Action::WaitUntil(_)
@@ -339,7 +339,9 @@ impl<M: Protocol> Protocol for Charged<M> {
         self.handover = match &action {
             Action::Report(Report::Round(_) | Report::Differences(_)) => self.costs.tag.handover,
             // A message of telemetry, as long as that of a range.
-            Action::Report(Report::Polled(_) | Report::Arrival(_)) => self.costs.tag.publish_range,
+            Action::Report(Report::Polled(_) | Report::Arrival(_) | Report::Downlink(_)) => {
+                self.costs.tag.publish_range
+            }
             Action::Report(Report::Link(_))
             | Action::Transmit { .. }
             | Action::Receive { .. }
@@ -376,8 +378,12 @@ impl<M: Protocol> Protocol for Charged<M> {
         self.inner.refused_frames()
     }
 
-    fn carried(&mut self) -> Option<u8> {
+    fn carried(&mut self) -> Option<(bool, u8)> {
         self.inner.carried()
+    }
+
+    fn send_down(&mut self, message: Downlink) {
+        self.inner.send_down(message);
     }
 
     fn carry(&mut self, data: Option<UserData>) {

@@ -40,6 +40,7 @@ const ROLE_KEYS: [(RoleName, &[&str]); 4] = [
             "wifi",
             "simulation.count",
             "simulation.data_every_s",
+            "simulation.messages_every_s",
             "simulation.network",
             "simulation.cpu_slowdown",
             "simulation.true_antenna_delay_ticks",

@@ -218,6 +218,9 @@ pub struct NodeSimulation {
     /// How often a tag's user sends 24 bytes, seconds; `None`: never.
     #[serde(deserialize_with = "positive")]
     pub data_every_s: Option<f64>,
+    /// How often a host sends a tag 24 bytes, seconds; `None`: never.
+    #[serde(deserialize_with = "positive")]
+    pub messages_every_s: Option<f64>,
     /// How many times slower than estimated its processor is; `None`: as all.
     #[serde(deserialize_with = "slowdown")]
     pub cpu_slowdown: Option<f64>,
@@ -258,6 +261,7 @@ impl Default for NodeSimulation {
             network: 0,
             gateway: false,
             data_every_s: None,
+            messages_every_s: None,
             cpu_slowdown: None,
             true_antenna_delay_ticks: None,
             path_m: None,

@@ -1,6 +1,7 @@
 //! Input events: positions, ranges, sightings, nodes. A source makes them, the [`Hub`](crate::Hub) takes them.
 
 use wire::telemetry::Arrival;
+use wire::uwb::native::Answer;
 
 use crate::Utc;
 use crate::model::{Doubt, NodeRole, PlacedNode, RangeMeasurement};
@@ -88,6 +89,15 @@ pub enum ReportKind {
         number: u8,
         /// The bytes, at most 24.
         data: Vec<u8>,
+    },
+    /// A tag has answered a message.
+    Answer {
+        /// Short address of the tag.
+        tag: u16,
+        /// The number of the message.
+        number: u8,
+        /// The answer.
+        answer: Answer,
     },
     /// A tag has counted what it received whole and refused, because it contradicts what the tag knows of the network.
     Refusals {

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`model`] | what the station knows: positions, tags, nodes, zones, events, sites, campaigns |
 //! | [`input`] | what sources send: positions, ranges, sightings, nodes |
+//! | [`messages`] | messages to tags |
 //! | [`state`] | the current state: the last position of each tag, the health of each node, who is in which zone |
 //! | [`store`] | SQLite or PostgreSQL |
 //! | [`hub`] | takes reports, updates the state, tells the listeners, writes to the store in batches |
@@ -28,6 +29,7 @@ mod bounds;
 pub mod gpx;
 pub mod hub;
 pub mod input;
+pub mod messages;
 pub mod model;
 pub mod mqtt;
 pub mod net;

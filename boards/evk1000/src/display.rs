@@ -10,6 +10,7 @@ use ranging::RadioInstant;
 use ranging::exchange::{Action, Event, Guidance, Link, Report};
 use ranging::node::Listener;
 use ranging::radio::Sensors;
+use wire::uwb::native::Downlink;
 
 use crate::Lcd;
 use crate::panel::Panel;
@@ -71,7 +72,7 @@ impl<L: Listener> Listener for Shown<L> {
         match report {
             Report::Round(round) => self.panel.measured(round.ranges.iter().map(|range| range.distance_m)),
             // An anchor does not listen to rounds of others. The panel shows the distances of tags, not their positions.
-            Report::Differences(_) | Report::Polled(_) | Report::Arrival(_) => {}
+            Report::Differences(_) | Report::Polled(_) | Report::Arrival(_) | Report::Downlink(_) => {}
             Report::Link(link) => self.panel.link(link),
         }
         self.listener.report(report, present).await
@@ -83,6 +84,18 @@ impl<L: Listener> Listener for Shown<L> {
 
     fn sensed(&mut self, sensors: &Sensors) {
         self.listener.sensed(sensors);
+    }
+
+    fn refused(&mut self, frames: u32) {
+        self.listener.refused(frames);
+    }
+
+    fn has_host(&self) -> bool {
+        self.listener.has_host()
+    }
+
+    fn message(&mut self) -> Option<Downlink> {
+        self.listener.message()
     }
 
     async fn radio_failed(&mut self, error: &impl core::fmt::Debug, failures: u32) {

@@ -15,11 +15,15 @@ mod cipher;
 #[cfg(target_os = "none")]
 mod display;
 #[cfg(target_os = "none")]
+mod role;
+#[cfg(target_os = "none")]
 mod uwb;
 
 #[cfg(target_os = "none")]
 pub use board::*;
 #[cfg(target_os = "none")]
 pub use display::{OnPanel, SharedPanel, Shown, display};
+#[cfg(target_os = "none")]
+pub use role::RoleListener;
 #[cfg(target_os = "none")]
 pub use uwb::{Bus, Interrupt, Reset};

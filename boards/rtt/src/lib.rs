@@ -1,10 +1,11 @@
-//! RTT: the log on channel 0, telemetry on channel 1. The program never waits for either. A probe reads them from
+//! RTT: the log on channel 0, telemetry on channel 1, and the host's messages to tags on channel 0 in the other direction.
+//! The program never waits for any of them. A probe reads them from
 //! memory. ESPs with built-in USB contain their own probe.
 #![no_std]
 #![cfg(target_os = "none")]
 
 use firmware_common::HostChannel;
-use rtt_target::{ChannelMode, UpChannel, rtt_init, set_defmt_channel};
+use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init, set_defmt_channel};
 
 /// Some twenty log lines, bytes.
 const LOG_BYTES: usize = 1024;
@@ -12,28 +13,41 @@ const LOG_BYTES: usize = 1024;
 /// for a computer that is busy for so long.
 const TELEMETRY_BYTES: usize = 8 * 1024;
 const _: () = assert!(wire::telemetry::MAX_FRAME < TELEMETRY_BYTES);
+/// A message to a tag and half of the next one, bytes.
+const MESSAGE_BYTES: usize = 64;
+const _: () = assert!(wire::to_node::MAX_FRAME < MESSAGE_BYTES);
 
-/// The channel of telemetry: whole frames, one after the other.
-pub struct TelemetryChannel(UpChannel);
+/// The channels of telemetry and of messages: whole frames, one after the other.
+pub struct TelemetryChannel {
+    telemetry: UpChannel,
+    messages: DownChannel,
+}
 
 impl HostChannel for TelemetryChannel {
     fn write(&mut self, frame: &[u8]) -> bool {
-        self.0.write(frame) == frame.len()
+        self.telemetry.write(frame) == frame.len()
     }
 
     fn is_read(&self) -> bool {
-        self.0.is_empty()
+        self.telemetry.is_empty()
+    }
+
+    fn read(&mut self, into: &mut [u8]) -> usize {
+        self.messages.read(into)
     }
 }
 
-/// Sets both channels up. Log lines before this are lost. May be called once in a program's run.
+/// Sets the channels up. Log lines before this are lost. May be called once in a program's run.
 pub fn start() -> TelemetryChannel {
     let channels = rtt_init! {
         up: {
             0: { size: LOG_BYTES, mode: ChannelMode::NoBlockSkip, name: "defmt" }
             1: { size: TELEMETRY_BYTES, mode: ChannelMode::NoBlockSkip, name: "telemetry" }
         }
+        down: {
+            0: { size: MESSAGE_BYTES, name: "messages" }
+        }
     };
     set_defmt_channel(channels.up.0);
-    TelemetryChannel(channels.up.1)
+    TelemetryChannel { telemetry: channels.up.1, messages: channels.down.0 }
 }

@@ -76,6 +76,8 @@ const MOST_IN_VAIN: u8 = 6;
 #[derive(Clone, Debug)]
 pub struct RateControl {
     full: Rate,
+    /// The full rate of the record.
+    of_record: Rate,
     /// The still rate. `None` means that the tag always has its full rate.
     still: Option<Rate>,
     state: State,
@@ -145,6 +147,7 @@ impl RateControl {
     pub const fn new(full: Rate, still: Option<Rate>) -> Self {
         Self {
             full,
+            of_record: full,
             still,
             state: State::Started,
             presence: Presence::Known { place: None, failures: 0 },
@@ -152,6 +155,14 @@ impl RateControl {
             in_vain: 0,
             deaf_until_us: 0,
         }
+    }
+
+    /// A host asks for this full rate from now on, rounds in 100 s; 0 is that of the record. Returns the new rate if it
+    /// changes.
+    pub fn ask(&mut self, chz: u32) -> Option<Rate> {
+        let full = if chz == 0 { self.of_record } else { protocol::rate(Some(chz)) };
+        let changes = full != core::mem::replace(&mut self.full, full) && !self.is_still();
+        changes.then_some(full)
     }
 
     /// Whether the tag is at its still rate.

@@ -92,6 +92,10 @@ impl Memory for Attached {
         Ok(self.session.core(0)?.read(address, bytes)?)
     }
 
+    fn write(&mut self, address: u64, bytes: &[u8]) -> Result<()> {
+        Ok(self.session.core(0)?.write_8(address, bytes)?)
+    }
+
     fn write_word(&mut self, address: u64, word: u32) -> Result<()> {
         Ok(self.session.core(0)?.write_word_32(address, word)?)
     }

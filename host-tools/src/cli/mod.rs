@@ -45,6 +45,7 @@ mod solve;
 pub mod stream;
 mod summary;
 mod survey;
+pub mod tell;
 mod track;
 pub mod verbosity;
 

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget};
-use node_link::decode::{NodeStream, node_streams};
+use node_link::decode::{Chunks, NodeStream, Waited, node_streams};
 use node_link::monitor::{
     Event, Files, FindImage, Image, ImageFiles, Limits, Lines, Listener, NodeChannel, NodeOutput, Piped, Session,
     SessionCounts, Source, json, listen, summary,
@@ -22,6 +22,7 @@ use super::flash::firmware_folders;
 use super::live_view::{Address, LiveView};
 use super::site_names::SiteNamesArgs;
 use super::stream::{self, STOP, SourceArguments, catch_signals, refuse_interrupted, table_names};
+use super::tell::{TellArguments, Telling};
 use super::verbosity::is_quiet;
 
 /// Show a node's output: its telemetry, and its log where that has more
@@ -41,6 +42,8 @@ pub struct Arguments {
     source: SourceArguments,
     #[command(flatten)]
     names: SiteNamesArgs,
+    #[command(flatten)]
+    tell: TellArguments,
     /// Reset the node first, to see it start
     #[arg(long, conflicts_with_all = ["serial", "stdin", "file"])]
     reset: bool,
@@ -68,6 +71,9 @@ pub struct Arguments {
     /// End after N positions
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     fixes: Option<u64>,
+    /// Pass bytes from standard input on to the node: for the station (--format telemetry)
+    #[arg(long, hide = true, conflicts_with_all = ["stdin", "file", "tell"])]
+    to_node_from_stdin: bool,
 }
 
 /// The longest wait for a source, so that a signal is seen.
@@ -76,6 +82,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 const EXAMPLES: &str = "Examples:
   baliza monitor
   baliza monitor --serial /dev/ttyACM0 --elf target/firmware/tag-esp32c3-ble.elf
+  baliza monitor --serial /dev/ttyACM0 --tell 0x1001 --identify 30
   baliza monitor --file telemetry.bin --defmt-file log.bin --elf target/firmware/tag-dwm1001.elf";
 
 /// `--format`.
@@ -108,7 +115,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let file = arguments.source.file().filter(|_| !live);
     catch_signals()?;
     if arguments.format == Format::Telemetry {
-        return relay(source.as_mut(), arguments.source.seconds).map_err(|error| arguments.source.or_by_serial(error));
+        let to_node = arguments.to_node_from_stdin.then(|| Chunks::new(std::io::stdin()));
+        let relayed = relay(source.as_mut(), to_node, arguments.source.seconds);
+        return relayed.map_err(|error| arguments.source.or_by_serial(error));
     }
     let names = arguments.names.read(arguments.source.file())?;
     let recorder = match &arguments.record {
@@ -126,7 +135,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         session.record(recorder);
     }
     let view = arguments.foxglove.as_ref().map(LiveView::listen).transpose()?;
-    let mut screen = Screen { view, ..Screen::new(arguments, names, live) };
+    let telling = arguments.tell.telling().context("the system has no random numbers")?;
+    let mut screen = Screen { view, telling, ..Screen::new(arguments, names, live) };
     let begun = Instant::now();
     let listened =
         screen.begin().and_then(|()| listen(source.as_mut(), &mut session, &mut screen, limits, &STOP).map(drop));
@@ -145,7 +155,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Err(UserError::file(Path::new("standard input"), "it ended without telemetry and without a log").into());
     }
     super::note(&format!("{}\n", summary(&counts, begun.elapsed())));
-    Ok(())
+    Ok(screen.telling.map_or(Ok(()), |telling| telling.result())?)
 }
 
 /// The streams of a folder with several nodes, where what is asked for may be of several. With what belongs to one
@@ -198,11 +208,17 @@ fn show_all(arguments: &Arguments, streams: Vec<NodeStream>) -> Result<()> {
 }
 
 /// `--format telemetry`: writes the node's telemetry to standard output as it comes, until the end of the source, of
-/// `time` or of the reader.
-fn relay(source: &mut dyn Source, time: Option<Duration>) -> Result<()> {
+/// `time` or of the reader. What comes from `to_node` goes to the node; if it has no room, it is lost.
+fn relay(source: &mut dyn Source, mut to_node: Option<Chunks>, time: Option<Duration>) -> Result<()> {
     let begun = Instant::now();
     let mut out = std::io::stdout();
     while !STOP.load(Ordering::Relaxed) && time.is_none_or(|time| begun.elapsed() < time) {
+        match to_node.as_mut().map(|to_node| to_node.wait(Duration::ZERO)) {
+            Some(Ok(Waited::Bytes(bytes))) => _ = source.send(&bytes),
+            // Nobody sends any more.
+            Some(Ok(Waited::End) | Err(_)) => to_node = None,
+            Some(Ok(Waited::Nothing)) | None => {}
+        }
         match source.next(PATIENCE)? {
             Some(Event::Bytes(NodeChannel::Telemetry, bytes)) => {
                 if !read_on(out.write_all(&bytes).and_then(|()| out.flush()))? {
@@ -278,6 +294,9 @@ struct Screen {
     rate: (u64, Duration, f64),
     /// `--foxglove`.
     view: Option<LiveView>,
+    /// `--tell`.
+    telling: Option<Telling>,
+    begun: Instant,
     /// Whether there are several nodes, and the address of the one that is shown.
     are_several: bool,
     node: Option<String>,
@@ -304,6 +323,8 @@ impl Screen {
             bar,
             rate: (0, Duration::ZERO, 0.0),
             view: None,
+            telling: None,
+            begun: Instant::now(),
             are_several: false,
             node: None,
             names,
@@ -361,11 +382,28 @@ impl Listener for Screen {
         }
         let text = self.text(output)?;
         let (bar, out) = (&self.bar, &mut self.out);
-        if bar.is_hidden() || text.is_empty() {
-            return read_on(out.write_all(&text));
+        let reads = if bar.is_hidden() || text.is_empty() {
+            read_on(out.write_all(&text))
+        } else {
+            // A line and the progress bar may be on the same terminal.
+            read_on(bar.suspend(|| out.write_all(&text).and_then(|()| out.flush())))
+        };
+        let (NodeOutput::Message(_, message), Some(telling)) = (output, &mut self.telling) else { return reads };
+        match telling.take(message, self.begun.elapsed()) {
+            Some(answer) => {
+                self.note(&answer);
+                reads.map(|_| false)
+            }
+            None => reads,
         }
-        // A line and the progress bar may be on the same terminal.
-        read_on(bar.suspend(|| out.write_all(&text).and_then(|()| out.flush())))
+    }
+
+    fn outgoing(&mut self, _: Duration) -> Option<Vec<u8>> {
+        self.telling.as_mut()?.outgoing(self.begun.elapsed())
+    }
+
+    fn sent(&mut self) {
+        self.telling.iter_mut().for_each(Telling::sent);
     }
 
     fn note(&mut self, note: &str) {

@@ -36,6 +36,6 @@ pub use remote::Remote;
 pub use reporter::NodeReporter;
 pub use simulated::{SimulatedSite, simulate};
 pub use site_file::{nodes, zones};
-pub use sources::{OpenSource, SourceSpec, run};
+pub use sources::{OpenSource, Outgoing, ReportSender, SourceSpec, run};
 pub use tokens::read_tokens;
 pub use webhooks::read_webhooks;

@@ -132,6 +132,9 @@ impl NodeReporter {
                 let (tag, data) = (Address(told.tag).to_string(), told.data().to_vec());
                 vec![ReportKind::Data { tag, number: told.number, data }]
             }
+            Message::TagAnswer(told) => {
+                vec![ReportKind::Answer { tag: told.tag, number: told.number, answer: told.answer() }]
+            }
             Message::Arrival(arrival) => vec![ReportKind::Arrival { anchor: address, arrival: *arrival }],
             Message::Supply(supply) => vec![ReportKind::Supply { node: tag, supply_v: supply.supply_v() }],
             // Anchors count nothing that they refuse, and must not become tags.

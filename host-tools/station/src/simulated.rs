@@ -8,6 +8,7 @@ use sim::scenario::{Scenario, Simulation};
 use station_core::model::{NodeRole, SiteMap, Zone, ZoneKind};
 use station_core::{ReportKind, SourceReport, Utc};
 use wire::telemetry::Address;
+use wire::uwb::native::Downlink;
 
 use super::NodeReporter;
 use super::sources::ReportSender;
@@ -92,13 +93,19 @@ fn room(scenario: &Scenario, network: usize) -> Option<Vec<[f64; 2]>> {
 }
 
 /// Runs a scenario until the station ends; its time is that of the wall's clock. Only nodes with a cable are read.
-pub fn simulate(scenario: Scenario, site: &str, send: ReportSender<'_>) {
+pub fn simulate(
+    scenario: Scenario,
+    site: &str,
+    send: ReportSender<'_>,
+    outgoing: &mut dyn FnMut() -> Option<Downlink>,
+) {
     let mut simulation = Simulation::new(scenario);
     // None: nobody reads the node.
     let mut nodes: HashMap<u16, Option<(Timeline, NodeReporter)>> = HashMap::new();
     let (mut begun, mut now_s) = (Instant::now(), 0.0);
     loop {
         now_s += STEP_S;
+        core::iter::from_fn(&mut *outgoing).for_each(|message| simulation.tell(message));
         for record in simulation.run_until(now_s) {
             let node = record.node;
             let of = || (Timeline::default(), NodeReporter::of(site, node));

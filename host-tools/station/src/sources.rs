@@ -101,6 +101,9 @@ fn is_device(path: &Path) -> bool {
 /// Where reports go. It returns whether the station still takes them.
 pub type ReportSender<'a> = &'a mut dyn FnMut(SourceReport) -> bool;
 
+/// What the nodes of a source are to get: the next frame, if there is one now.
+pub type Outgoing<'a> = &'a mut dyn FnMut() -> Option<Vec<u8>>;
+
 /// A source that is ready: its file is open, and datagrams to it are received.
 pub enum OpenSource {
     /// As in [`SourceSpec`].
@@ -116,6 +119,14 @@ pub enum OpenSource {
 }
 
 impl OpenSource {
+    /// Whether its nodes take messages: a file's and a pipe's do not.
+    pub const fn takes_messages(&self) -> bool {
+        match self {
+            Self::Probe(_) | Self::Serial(..) | Self::Udp(_) => true,
+            Self::Stdin | Self::File(_) => false,
+        }
+    }
+
     /// The name of a source that was opened as this says. Port 0 becomes the one that the system has chosen.
     pub fn name_of(&self, spec: &SourceSpec) -> String {
         match self {
@@ -167,18 +178,18 @@ pub fn run(
     source: OpenSource,
     admission: &Admission,
     site: &str,
-    send: ReportSender<'_>,
+    (send, outgoing): (ReportSender<'_>, Outgoing<'_>),
     note: &mut dyn FnMut(&str),
 ) -> Result<()> {
     if let OpenSource::Udp(socket) = source {
-        return listen(&socket, admission, site, send, note);
+        return listen(&socket, admission, site, (send, outgoing), note);
     }
     let mut reporter = NodeReporter::new(site);
     let mut take = |input: NodeInput| match input {
         NodeInput::Message(stamp, message) => reporter.reports(stamp, &message, Utc::now()).into_iter().all(&mut *send),
         NodeInput::Nothing | NodeInput::Lost => true,
     };
-    read_node(source, &mut take, note)
+    read_node(source, &mut take, outgoing, note)
 }
 
 /// What comes of a node.
@@ -192,28 +203,30 @@ pub(super) enum NodeInput {
     Lost,
 }
 
-/// Reads the one node of a source, until its end or until `take` returns false.
+/// Reads the one node of a source, until its end or until `take` returns false. A frame for which the node has no room is
+/// lost: who sends it sends it again.
 ///
 /// # Errors
 /// The source cannot be read.
 pub(super) fn read_node(
     source: OpenSource,
     take: &mut dyn FnMut(NodeInput) -> bool,
+    outgoing: Outgoing<'_>,
     note: &mut dyn FnMut(&str),
 ) -> Result<()> {
+    let mut read = |source: &mut dyn Source, pacing| read(source, pacing, take, outgoing, note);
     match source {
         OpenSource::Probe(probe) => {
-            let mut piped = PipedProbe::start(probe.as_deref())?;
-            read(&mut piped.source, None, take, note)
+            read(&mut PipedProbe::start(probe.as_deref())?, None)
         }
         OpenSource::Serial(name, baud) => {
             let port = Port { name: name.clone(), baud };
-            read(&mut Serial::new(port, name, Pace::default()), None, take, note)
+            read(&mut Serial::new(port, name, Pace::default()), None)
         }
-        OpenSource::Stdin => read(&mut Piped::new(std::io::stdin()), None, take, note),
+        OpenSource::Stdin => read(&mut Piped::new(std::io::stdin()), None),
         OpenSource::File(mut files) => {
             let pacing = (!files.is_live()).then(|| Pacing::new(1.0));
-            read(files.as_mut(), pacing, take, note)
+            read(files.as_mut(), pacing)
         }
         OpenSource::Udp(_) => bail!("datagrams are of many nodes"),
     }
@@ -224,10 +237,14 @@ fn read(
     source: &mut dyn Source,
     mut pacing: Option<Pacing>,
     take: &mut dyn FnMut(NodeInput) -> bool,
+    outgoing: Outgoing<'_>,
     note: &mut dyn FnMut(&str),
 ) -> Result<()> {
     let mut stream = Stream::default();
     loop {
+        while let Some(frame) = outgoing() {
+            source.send(&frame);
+        }
         match source.next(PATIENCE)? {
             Some(Event::Bytes(NodeChannel::Telemetry, bytes)) => {
                 for byte in bytes {

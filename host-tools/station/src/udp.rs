@@ -14,7 +14,7 @@ use wire::telemetry::{Address, Message};
 
 use super::NodeReporter;
 use super::gateways::{Admission, Gateways};
-use super::sources::{PATIENCE, ReportSender};
+use super::sources::{Outgoing, PATIENCE, ReportSender};
 use node_link::decode::Stream;
 
 /// The largest datagram.
@@ -74,7 +74,7 @@ pub(super) fn listen(
     socket: &UdpSocket,
     admission: &Admission,
     site: &str,
-    send: ReportSender<'_>,
+    (send, outgoing): (ReportSender<'_>, Outgoing<'_>),
     note: &mut dyn FnMut(&str),
 ) -> Result<()> {
     let mut senders: HashMap<SocketAddr, Sender> = HashMap::new();
@@ -120,10 +120,12 @@ pub(super) fn listen(
                 }
             }
         }
-        gateways.send_receipts(|bytes, to| {
-            // What cannot be sent now is told again when the datagram comes again.
-            let _ = socket.send_to(bytes, to);
-        });
+        // What cannot be sent now is told again when the datagram comes again, or the message is due again.
+        let mut transmit = |bytes: &[u8], to| drop(socket.send_to(bytes, to));
+        gateways.send_receipts(&mut transmit);
+        while let Some(frame) = outgoing() {
+            gateways.send_to_nodes(&frame, &mut transmit);
+        }
         gateways.note_refused(note);
     }
 }

@@ -53,8 +53,18 @@ fn json_has_the_keys_of_the_contract_and_nothing_else_is_printed() {
     const PARTS: &str = "tag_currents_ma";
     let json = run.object();
     let object = json.as_object().expect("an object");
-    // Greedy tags have no number of slots to compare with, these tell no position, and nobody attacks them.
-    let none = ["slots_with_fix", "uplink_share", "uplink_p99_s", "data_share", "forged_frames", "forged_accepted"];
+    // Greedy tags have no number of slots to compare with, these tell no position, nobody sends them messages, and nobody
+    // attacks them.
+    let none = [
+        "slots_with_fix",
+        "uplink_share",
+        "uplink_p99_s",
+        "data_share",
+        "message_share",
+        "message_p99_s",
+        "forged_frames",
+        "forged_accepted",
+    ];
     assert!(none.iter().all(|key| object[*key].is_null()));
     assert_eq!(object.len(), keys.len() + none.len() + 1);
     let currents = object[PARTS].as_object().expect("currents by what they go for");

@@ -29,6 +29,7 @@
 //! | slot contested, or unconfirmed | shared slots, then another slot |
 
 use super::anchor_position::{hash, is_own_slot};
+use super::downlinks::Downlinks;
 use super::election::{Choice, Election};
 use super::enrolment::Enrolment;
 use super::layout_requests::LayoutRequests;
@@ -421,7 +422,7 @@ impl Coordinator {
     /// this anchor itself requests of the layout, `answer` the number of a challenge.
     pub fn compose(
         &mut self,
-        (leases, uplink): (&mut Leases, &mut Uplink),
+        (leases, uplink, downlinks): (&mut Leases, &mut Uplink, &mut Downlinks),
         slot: u8,
         position: Option<Position>,
         wish: Layout,
@@ -479,7 +480,9 @@ impl Coordinator {
             polls: Default::default(),
         };
         if usize::from(slot) < OWNED_SYNC_SLOTS {
-            uplink.fill(&mut sync_frame, self.coordinates());
+            uplink.say_way(&mut sync_frame, self.coordinates());
+            downlinks.fill(&mut sync_frame);
+            uplink.fill_first(&mut sync_frame);
         }
         leases.news.fill(&mut sync_frame);
         uplink.fill_rest(&mut sync_frame);

@@ -31,6 +31,7 @@ mod authentication;
 mod clock;
 mod compensation;
 mod coordinator;
+mod downlinks;
 mod election;
 mod enrolment;
 mod layout_requests;

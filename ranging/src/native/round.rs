@@ -43,8 +43,8 @@ pub struct RoundState {
     first_slot: u8,
     /// Data for the next poll …
     data: Option<UserData>,
-    /// … and the number of those that the last one carried.
-    sent_data: Option<u8>,
+    /// … and which ones the last one carried.
+    sent_data: Option<(bool, u8)>,
     /// Its poll, in a network with a key.
     sealed: Option<SealedPoll>,
     /// Responses of this round.
@@ -121,8 +121,8 @@ impl RoundState {
         self.turns = turns;
     }
 
-    /// The number of the data that the last poll carried, once.
-    pub fn take_sent_data(&mut self) -> Option<u8> {
+    /// Which data the last poll carried, once.
+    pub fn take_sent_data(&mut self) -> Option<(bool, u8)> {
         self.sent_data.take()
     }
 
@@ -236,7 +236,7 @@ impl RoundState {
     pub fn sent(&mut self, departure: RadioInstant) {
         self.poll_tx = departure;
         if let Some(data) = self.data.take() {
-            self.sent_data = Some(data.number());
+            self.sent_data = Some(data.id());
         }
     }
 

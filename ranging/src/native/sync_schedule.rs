@@ -17,6 +17,9 @@ const ENOUGH: usize = 4;
 /// An anchor whose frame was missed this many times in a row is given up.
 const MOST_MISSES: u8 = 6;
 
+/// A tag listens to this many sync frames of an anchor at which a message waits.
+const MESSAGE_TRIES: u8 = 3;
+
 /// An anchor that has a sync slot of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WatchedAnchor {
@@ -48,11 +51,24 @@ pub struct SyncSchedule {
     since_all: u16,
     /// The decision for a superframe.
     plan: Option<(u16, Listening)>,
+    /// The anchor whose next sync frames have a message to this tag, and how many more are listened to.
+    expected: Option<(u16, u8)>,
 }
 
 impl SyncSchedule {
+    /// A message to this tag waits at an anchor.
+    pub fn expect(&mut self, address: u16) {
+        self.expected = Some((address, MESSAGE_TRIES));
+    }
+
+    /// Whether sync frames are to be listened to because of a message.
+    pub const fn expects_message(&self) -> bool {
+        self.expected.is_some()
+    }
+
     /// A sync frame was received.
     pub fn receive(&mut self, address: u16, slot: u8) {
+        self.expected = self.expected.filter(|(expected, _)| *expected != address);
         if usize::from(slot) >= OWNED_SYNC_SLOTS {
             // A shared slot is used by all anchors without a slot of their own: it comes now and then.
             self.answered(address);
@@ -87,6 +103,14 @@ impl SyncSchedule {
         self.anchors.iter().map(|anchor| anchor.address)
     }
 
+    /// The anchor at which a message waits, if its sync slot is known.
+    fn next_message(&mut self) -> Option<WatchedAnchor> {
+        let (address, tries) = self.expected.take()?;
+        let anchor = self.anchors.iter().find(|anchor| anchor.address == address).copied()?;
+        self.expected = tries.checked_sub(1).map(|tries| (address, tries));
+        self.expected.map(|_| anchor)
+    }
+
     /// The anchor whose sync frame is next.
     fn next(&mut self) -> Option<WatchedAnchor> {
         self.turn = (self.turn + 1).checked_rem(self.anchors.len())?;
@@ -98,6 +122,10 @@ impl SyncSchedule {
     pub fn plan(&mut self, superframe: u16, silent: u16) -> Listening {
         if let Some((_, listening)) = self.plan.filter(|(planned, _)| *planned == superframe) {
             return listening;
+        }
+        if let Some(anchor) = self.next_message() {
+            self.plan = Some((superframe, Listening::One(anchor)));
+            return Listening::One(anchor);
         }
         self.since_all = self.since_all.saturating_add(1);
         let patience = if self.anchors.len() < ENOUGH { ALL_SOON_AFTER } else { ALL_AFTER };

@@ -247,11 +247,11 @@ impl Uplink {
         let of = sync_frame.superframe.wrapping_sub(is_late.into());
         self.settle((source, of), relay.taken >> own & 1 == 1, is_busy);
         let is_here = relay.next == own && relay.cost > 0 && self.cost.is_some();
-        if relay.entries.is_empty() || !is_here || self.is_busy() {
+        if relay.entries.iter().all(|entry| entry.downlink().is_some()) || !is_here || self.is_busy() {
             return;
         }
         self.taken[0] |= 1 << slot;
-        for entry in &relay.entries {
+        for entry in relay.entries.iter().filter(|entry| entry.downlink().is_none()) {
             let is_there = self.queue.iter().any(|known| Reported::of(&known.entry) == Reported::of(entry));
             if !is_there && (!self.has_host || self.is_news(entry)) {
                 let _ = self.queue.push(Waiting { entry: *entry, sent: None });
@@ -321,9 +321,8 @@ impl Uplink {
         true
     }
 
-    /// Puts the way to a gateway into the sync frame of this anchor's own slot, and the first entry, unless it is the
-    /// coordinator's.
-    pub fn fill(&mut self, sync_frame: &mut SyncFrame, coordinates: bool) {
+    /// Puts the way to a gateway into the sync frame of this anchor's own slot.
+    pub fn say_way(&mut self, sync_frame: &mut SyncFrame, coordinates: bool) {
         let own = sync_frame.slot;
         self.coordinates = coordinates;
         self.advance(sync_frame.superframe);
@@ -333,7 +332,11 @@ impl Uplink {
         let now = 1_u16.wrapping_shl(own.saturating_sub(1).into()) - 1;
         let taken = self.taken[0] & now | self.taken[1] & !now | u16::from(self.is_busy()) << own;
         sync_frame.relay = Some(Relay { cost, next, taken, entries: Vec::new() });
-        self.add_entries(sync_frame, usize::from(!coordinates));
+    }
+
+    /// Puts an entry into a sync frame that says the way and has none, before its news, unless it is the coordinator's.
+    pub fn fill_first(&mut self, sync_frame: &mut SyncFrame) {
+        self.add_entries(sync_frame, usize::from(!self.coordinates));
     }
 
     /// Puts further entries into a sync frame that says the way, behind its news.
@@ -376,7 +379,8 @@ impl Uplink {
         let Relayed { tag, round, at, asked, content } = self.queue.remove(0).entry;
         let (position, data) = match content {
             Carried::Position(position) => (Some(position), None),
-            Carried::Data(data) => (None, Some(data)),
+            // A message to a tag does not wait here.
+            Carried::Data(data) | Carried::Downlink(data) => (None, Some(data)),
         };
         let age = RadioDuration::from_ticks(superframe.ticks() * i64::from(now.wrapping_sub(at)) / 256);
         Some(Polled { tag, round, asked, age, position, data })
@@ -436,7 +440,8 @@ mod tests {
                 let slot = self.slots[from];
                 let blank = SyncFrame { superframe: self.number, slot, ..crate::native::blank_sync_frame() };
                 let mut sync_frame = blank;
-                self.anchors[from].fill(&mut sync_frame, self.coordinator == Some(from));
+                self.anchors[from].say_way(&mut sync_frame, self.coordinator == Some(from));
+                self.anchors[from].fill_first(&mut sync_frame);
                 self.anchors[from].fill_rest(&mut sync_frame);
                 // Each opens the frame of the slot before its own after its own.
                 if let Some((before, frame)) = last.take() {

@@ -396,6 +396,7 @@ impl Impostor {
                             let response = Response {
                                 round: poll.round as u8,
                                 lease: Confirmation::None,
+                                has_message: false,
                                 poll_rx: heard.rx_time,
                                 reply,
                                 last_final: None,

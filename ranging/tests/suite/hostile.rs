@@ -111,7 +111,12 @@ fn torment(mut machine: impl Protocol, seed: u64) {
             (Owned::Sleep { .. }, 0..9) => Event::Started,
             (Owned::WaitUntil(_) | Owned::Sleep { .. } | Owned::Compensate, _) => Event::Woken,
             (
-                Owned::Round { .. } | Owned::Differences { .. } | Owned::Polled | Owned::Arrival(_) | Owned::Link(_),
+                Owned::Round { .. }
+                | Owned::Differences { .. }
+                | Owned::Polled
+                | Owned::Arrival(_)
+                | Owned::Downlink { .. }
+                | Owned::Link(_),
                 _,
             ) => Event::Reported,
             (Owned::Receive { .. }, 0) => Event::Timeout,
@@ -146,7 +151,7 @@ fn torment(mut machine: impl Protocol, seed: u64) {
             }
             Owned::Round { ranges, .. } => assert!(ranges.len() <= 8),
             Owned::Differences { differences, .. } => assert!(differences.len() <= 8),
-            Owned::Polled | Owned::Arrival(_) | Owned::Link(_) | Owned::Compensate => {}
+            Owned::Polled | Owned::Arrival(_) | Owned::Downlink { .. } | Owned::Link(_) | Owned::Compensate => {}
         }
     }
 }

@@ -4,6 +4,7 @@ mod air;
 mod attack;
 mod blinks;
 mod decaranging;
+mod downlinks;
 mod forged_leases;
 mod hostile;
 mod keyed;

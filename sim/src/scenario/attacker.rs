@@ -313,6 +313,7 @@ impl Striker {
                 let timing = Timing::of(&self.network, sync_frame.layout);
                 let reply = timing.reply_in(poll.first_slot() + place);
                 let response = Response {
+                    has_message: false,
                     round: poll.round as u8,
                     lease: Confirmation::Ended,
                     poll_rx: RadioInstant::from_ticks(self.random.random()),

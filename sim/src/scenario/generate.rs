@@ -114,6 +114,7 @@ impl Scenario {
                     antenna_delay_ticks: None,
                     motion: Motion::default(),
                     data_every_s: None,
+                    messages_every_s: None,
                 });
             }
         }

@@ -8,7 +8,7 @@ use positioning_core::engine;
 use ranging::exchange::{Action, Event, Guidance, Protocol};
 use ranging::radio::Sensors;
 use ranging::{Pace, RadioInstant, StampModel};
-use wire::uwb::native::UserData;
+use wire::uwb::native::{Downlink, UserData};
 
 /// Sees a step of the protocol of the tag with this address: the event, and the action that follows.
 pub type StepObserver = Rc<dyn Fn(u16, &Event<'_>, &Action<'_>)>;
@@ -84,8 +84,12 @@ impl<P: Protocol> Protocol for Inspected<P> {
         self.inner.refused_frames()
     }
 
-    fn carried(&mut self) -> Option<u8> {
+    fn carried(&mut self) -> Option<(bool, u8)> {
         self.inner.carried()
+    }
+
+    fn send_down(&mut self, message: Downlink) {
+        self.inner.send_down(message);
     }
 
     fn carry(&mut self, data: Option<UserData>) {

@@ -14,6 +14,7 @@ mod bluetooth_node;
 mod carrying;
 mod config;
 mod default_walk;
+mod downlink;
 mod draw;
 mod generate;
 mod hardware;
@@ -215,6 +216,8 @@ pub struct Tag {
     pub motion: Motion,
     /// How often its user sends data, seconds; `None`: never.
     pub data_every_s: Option<f64>,
+    /// How often a host sends it a message, seconds; `None`: never.
+    pub messages_every_s: Option<f64>,
 }
 
 /// What a tag's motion sensor measures, and whether there is one.

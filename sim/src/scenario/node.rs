@@ -25,9 +25,9 @@ use ranging::Restart;
 use ranging::radio::Config;
 use wire::config::{LoadError, MAX_BYTES, Record, Role};
 use wire::telemetry::{Board, Condition, Hello, ResetCause};
-use wire::uwb::native::UserData;
 
 use super::config::eui;
+use super::downlink::content;
 use super::hardware::{Firmware, NodePlan};
 use super::inspection::{Inspected, Inspection};
 use super::telemetry::{Outlet, Reporter};
@@ -308,7 +308,8 @@ impl TagApp {
             }
             pending::<Infallible>().await
         };
-        join3(join3(ranging, engine, scan), motion, self.send_data(&channels)).await.1
+        let user = join(self.send_data(&channels), self.take_messages(&channels));
+        join3(join3(ranging, engine, scan), motion, user).await.1
     }
 }
 
@@ -319,10 +320,23 @@ impl TagApp {
         let mut number = 0_u8;
         loop {
             self.app.world.delay().delay_ms((every_s * 1e3).max(1.0) as u32).await;
-            let data = core::array::from_fn::<_, { UserData::MOST }, _>(|i| if i % 2 == 0 { number } else { !number });
-            let taken = channels.send(&data, DATA_POLLS).ok();
+            let taken = channels.send(&content(number), DATA_POLLS).ok();
             self.app.outlet.sends_data(taken);
             number = number.wrapping_add(taken.is_some().into());
+        }
+    }
+}
+
+impl TagApp {
+    /// The user's task: takes messages, which are those that hosts send.
+    async fn take_messages(&self, channels: &TaskChannels<NoopRawMutex>) -> Infallible {
+        if self.tag.messages_every_s.is_none() {
+            return pending().await;
+        }
+        loop {
+            let data = channels.next_message().await;
+            let is_whole = data.bytes().first().is_some_and(|&number| data.bytes() == content(number));
+            assert!(is_whole, "a message was changed on its way: {data:?}");
         }
     }
 }

@@ -128,7 +128,8 @@ impl Scenario {
         landmarks: &Landmarks,
     ) {
         let NodeSimulation { network, carried_by, vibration_mg, motion_sensor, .. } = node.simulation;
-        let NodeSimulation { path_m, speed_m_s, closed, leaves_s, data_every_s, .. } = &node.simulation;
+        let NodeSimulation { path_m, speed_m_s, closed, leaves_s, .. } = &node.simulation;
+        let NodeSimulation { data_every_s, messages_every_s, .. } = node.simulation;
         let walk = path_m.clone().and_then(|path_m| Walk::new(path_m, *speed_m_s, *closed));
         let walk = walk.unwrap_or_else(|| landmarks.walk(settings.height_m, self.tags.len()));
         self.tags.push(Tag {
@@ -141,7 +142,8 @@ impl Scenario {
             board: own_board(node, simulation),
             antenna_delay_ticks: node.simulation.true_antenna_delay_ticks,
             motion: Motion { carrier: carried_by, vibration_mg, sensor: motion(motion_sensor) },
-            data_every_s: *data_every_s,
+            data_every_s,
+            messages_every_s,
         });
     }
 
@@ -370,6 +372,7 @@ mod tests {
         assert_eq!(scenario.anchors[2].board, Some(BoardProfile::ESP32C3.slowed(4.0)));
         assert_eq!([1, 2, 3, 0x1001].map(|address| scenario.has_host(address)), [false, false, true, false]);
         assert_eq!(scenario.tags[0].data_every_s, Some(1.0));
+        assert_eq!(scenario.tags[0].messages_every_s, Some(5.0));
         let tag = scenario.tags[0].settings.record;
         let scan = Some(Scan { interval_ms: 1000, window_ms: 1000 });
         assert_eq!((tag.height_m, tag.rate_chz, tag.scan), (Some(1.2), Some(1000), scan));

@@ -205,6 +205,10 @@ pub struct Summary {
     pub uplink_p99_s: Option<f64>,
     /// The share of the data of tags' users that an anchor with a cable reported. `None` without such data.
     pub data_share: Option<f64>,
+    /// The share of the hosts' messages to tags that their tags took. `None` without messages.
+    pub message_share: Option<f64>,
+    /// The time from a host's message to the tag's answer which 99 % of them do not exceed, seconds.
+    pub message_p99_s: Option<f64>,
     /// Frames that attackers have sent. `None` without attackers.
     pub forged_frames: Option<u64>,
     /// How often a node has believed one of them: it was in another state afterwards, or did something else, than after a
@@ -317,6 +321,8 @@ impl Summary {
             uplink_share: None,
             uplink_p99_s: None,
             data_share: None,
+            message_share: None,
+            message_p99_s: None,
             forged_frames: None,
             forged_accepted: None,
             tag_mean_current_ma: None,

@@ -7,7 +7,10 @@ use std::rc::Rc;
 use super::airtime::Airtime;
 use super::attacker;
 use super::bluetooth_node::BluetoothNode;
+use wire::uwb::native::Downlink;
+
 use super::carrying::Feeling;
+use super::downlink::Sender;
 use super::draw::{Draw, Drawn};
 use super::hardware::Hardware;
 use super::node::{AnchorApp, Ears, TagApp};
@@ -78,6 +81,7 @@ impl Simulation {
         for tag in &scenario.tags {
             log.borrow_mut().blinks.set_height(tag.address, tag.settings.record.height_m);
         }
+        log.borrow_mut().sender = Sender::of(&scenario);
         let bluetooth =
             (!scenario.beacons.is_empty()).then(|| Bluetooth::new(&world, scenario.bluetooth.clone(), &scenario.walls));
         let mut outlets = BTreeMap::new();
@@ -195,6 +199,8 @@ impl Simulation {
             let next_s = seconds.min(self.now_s() + DRAIN_S);
             self.world.run_until(TrueTime::from_secs_f64(next_s));
             self.outlets.values().for_each(|outlet| outlet.drain());
+            let due = self.log.borrow_mut().sender.due(next_s);
+            due.into_iter().for_each(|message| self.tell(message));
             let solved = self.log.borrow_mut().blinks.advance(next_s);
             for solved in solved {
                 if let Some(outlet) = self.outlets.get(&solved.tag) {
@@ -205,6 +211,11 @@ impl Simulation {
                 return;
             }
         }
+    }
+
+    /// All nodes with a host get a host's message to a tag.
+    pub fn tell(&self, message: Downlink) {
+        self.outlets.values().for_each(|outlet| outlet.tell(message));
     }
 
     /// Notes the charge drawn by each tag that has a position.
@@ -270,10 +281,22 @@ impl Simulation {
         let summary = summary.with_joined(&joined.collect::<Vec<_>>()).with_charge(self.drawn());
         let (uplink_share, uplink_p99_s) = log.uplink.figures().unzip();
         let uplink_p99_s = uplink_p99_s.flatten();
+        let (message_share, message_p99_s) = log.sender.figures().unzip();
+        let message_p99_s = message_p99_s.flatten();
         let (data_share, bluetooth) = (log.uplink.data_share(), self.bluetooth.as_ref().map(of_beacons));
         let forged = (!self.scenario.attackers.is_empty()).then(|| log.attack.figures());
         let (forged_frames, forged_accepted) = forged.unzip();
-        Summary { uplink_share, uplink_p99_s, data_share, forged_frames, forged_accepted, bluetooth, ..summary }
+        Summary {
+            uplink_share,
+            uplink_p99_s,
+            data_share,
+            message_share,
+            message_p99_s,
+            forged_frames,
+            forged_accepted,
+            bluetooth,
+            ..summary
+        }
     }
 }
 

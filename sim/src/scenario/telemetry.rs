@@ -12,8 +12,10 @@ use firmware_tag::{Measured, RoundOutcome, Sounding};
 use ranging::exchange::{Event, Protocol};
 use ranging::{Diagnostics, RadioInstant};
 use wire::telemetry::{Condition, Difference, Message, Range, State};
+use wire::uwb::native::Downlink;
 
 use super::attacker::Attack;
+use super::downlink::Sender;
 use super::record::{DifferenceRecord, PositionError, RangeRecord, Record, SimulatedEpoch, Source, Unrounded, What};
 use super::uplink::Uplink;
 use super::{FaultKind, Scenario, distance};
@@ -40,6 +42,8 @@ pub(super) struct Log {
     pub(super) errors: Vec<PositionError>,
     /// The positions that tags tell in their polls.
     pub(super) uplink: Uplink,
+    /// The station that sends messages to tags.
+    pub(super) sender: Sender,
     /// The station that computes the positions of tags that blink.
     pub(super) blinks: Multilateration,
     /// The frames of attackers.
@@ -177,6 +181,13 @@ impl Outlet {
         self.log.borrow_mut().uplink.sends_data(self.node, number);
     }
 
+    /// The node's host, if it has one, has a message to a tag. A node that is off does not get it.
+    pub(super) fn tell(&self, message: Downlink) {
+        if let Some((reporter, _)) = self.life.borrow().as_ref().filter(|_| self.has_host) {
+            reporter.host.put(message);
+        }
+    }
+
     /// The scenario applies this fault to the node. Reports made before it are kept; later ones are lost.
     pub(super) fn fault(&self, fault: FaultKind) {
         self.drain();
@@ -244,6 +255,9 @@ impl Outlet {
             }
             Message::TagData(told) if self.has_host => {
                 self.log.borrow_mut().uplink.data_arrived(told.tag, told.number);
+            }
+            Message::TagAnswer(told) if self.has_host => {
+                self.log.borrow_mut().sender.answered(&told, t_s);
             }
             Message::Arrival(arrival) if self.has_host => {
                 self.log.borrow_mut().blinks.take(t_s, t_s, self.node, &arrival);

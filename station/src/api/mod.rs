@@ -14,6 +14,7 @@ mod events;
 mod extract;
 mod findings;
 mod health;
+mod messages;
 mod metrics;
 mod nodes;
 mod openapi;
@@ -183,6 +184,7 @@ fn routes() -> OpenApiRouter<Shared> {
         rtls::routes(),
         receivers::routes(),
         tags::routes(),
+        messages::routes(),
         nodes::routes(),
         findings::routes(),
         zones::routes(),

@@ -21,6 +21,7 @@ use utoipa::ToSchema;
 
 use self::devices::DeviceLocator;
 use self::writer::Queue;
+use crate::messages::Messages;
 use crate::model::{NodeHealth, NodeMeasurement, NodeRole, NodeStatus, StationEvent, TagPosition};
 use crate::store::{self, Retention, Store};
 use crate::{LiveState, ReportKind, SourceReport, Update, Utc};
@@ -188,6 +189,7 @@ pub struct Hub {
     counters: Arc<Counters>,
     /// Those that take all events; None after the end.
     subscribers: Arc<Mutex<EventSubscribers>>,
+    messages: Messages,
     stop: watch::Sender<bool>,
 }
 
@@ -223,15 +225,22 @@ impl Hub {
             keeps_measurements: retention.measurements.is_some(),
             surveys: 0,
             subscribers: Arc::new(Mutex::new(Some(Vec::new()))),
+            messages: Messages::new(),
         };
         let subscribers = Arc::clone(&applier.subscribers);
-        let hub = Self { reports, updates, live, queue, counters, subscribers, stop };
+        let messages = applier.messages.clone();
+        let hub = Self { reports, updates, live, queue, counters, subscribers, messages, stop };
         Ok((hub, tokio::spawn(applier.run(receiver, stopped, store, retention))))
     }
 
     /// Where sources send their reports.
     pub fn reports(&self) -> mpsc::Sender<SourceReport> {
         self.reports.clone()
+    }
+
+    /// Messages to tags.
+    pub const fn messages(&self) -> &Messages {
+        &self.messages
     }
 
     /// Updates from now on.
@@ -304,6 +313,7 @@ struct Applier {
     /// What the state said when places of nodes were last written.
     surveys: u64,
     subscribers: Arc<Mutex<EventSubscribers>>,
+    messages: Messages,
 }
 
 impl Applier {
@@ -319,6 +329,7 @@ impl Applier {
         let (live, queue, counted) = (Arc::clone(&self.live), Arc::clone(&self.queue), Arc::clone(&counters));
         let maintenance = tokio::spawn(maintain(live, store.clone(), retention, queue, counted, ended.clone()));
         let writer = tokio::spawn(writer::write(store, Arc::clone(&self.queue), counters, ended));
+        let sender = tokio::spawn(self.messages.clone().run());
         let mut ticks = interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut rests = interval(REST);
@@ -361,6 +372,7 @@ impl Applier {
                 }
             }
         }
+        sender.abort();
         self.publish(|live, _| live.end_rounds());
         self.keep_peers();
         *self.subscribers.lock().unwrap_or_else(PoisonError::into_inner) = None;
@@ -392,6 +404,9 @@ impl Applier {
         let mut sightings = Vec::new();
         self.publish(|live, updates| {
             for report in reports {
+                if let ReportKind::Answer { tag, number, answer } = report.what {
+                    self.messages.answered(tag, number, answer);
+                }
                 let refused = live.refused();
                 updates.extend(live.apply(&report));
                 if live.refused() == refused && matches!(report.what, ReportKind::ReceiverSighting { .. }) {

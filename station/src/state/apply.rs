@@ -57,6 +57,8 @@ impl LiveState {
                 self.reporting_tag(t, site, tag, updates)?;
                 self.data(t, site, tag, *number, data, updates)
             }
+            // The hub has taken it.
+            ReportKind::Answer { .. } => Some(()),
             ReportKind::Refusals { tag, frames } => self.refusals(t, site, tag, *frames, updates),
             ReportKind::Height { tag, height_m } => self.height(site, tag, *height_m),
             ReportKind::Arrival { anchor, arrival } => self.arrival(t, site, *anchor, arrival, updates),

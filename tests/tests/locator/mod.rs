@@ -18,6 +18,7 @@ use ranging::exchange::{Event, Link};
 use ranging::native::Rate;
 use ranging::radio::Sensors;
 use wire::telemetry::{Condition, MotionSensor, Sighting};
+use wire::uwb::native::Downlink;
 
 type Outcome = Result<Position, SolveError>;
 
@@ -68,6 +69,12 @@ impl Sink for &Node {
     fn heard(&self, _: u32) {}
 
     fn scanner_restarted(&self, _: u32) {}
+
+    fn message(&self) -> Option<Downlink> {
+        None
+    }
+
+    fn identify(&self, _: u64) {}
 }
 
 /// A delay by the node's clock, which the test sets.

@@ -20,7 +20,7 @@ pub use models::{
 pub use page::{HEADER_BYTES, LoadError, MAX_BYTES, MODEL_AT, MODEL_BYTES, decode, encode, version};
 pub use record::*;
 pub use store::{Next, StoreError, load, load_model, model_of, newest, next, store};
-pub use validate::{Invalid, Value};
+pub use validate::{Invalid, MAX_RATE_CHZ, Value};
 pub use wifi_settings::{WIFI_AT, WIFI_BYTES, WIFI_VERSION, Wifi, WifiKey, encode_wifi, load_wifi, wifi_of};
 
 /// The newest version of config records. Older ones, from 1 on, can also be read.

@@ -20,7 +20,9 @@ const SLOWEST_US: u16 = 20_000;
 /// Rounds a second, 0.01 Hz, and the same range as text.
 struct Rates(core::ops::RangeInclusive<u32>, &'static str);
 /// In native mode, in which tags count superframes.
-const NATIVE_RATES: Rates = Rates(1..=100_000, "0.01 to 1000");
+const NATIVE_RATES: Rates = Rates(1..=MAX_RATE_CHZ, "0.01 to 1000");
+/// The highest rate of a tag, rounds in 100 s.
+pub const MAX_RATE_CHZ: u32 = 100_000;
 /// Of a tag that blinks: once a superframe at most.
 const BLINK_RATES: Rates = Rates(1..=1_000, "0.01 to 10");
 /// In other modes: the radio's clock can order instants that are less than 8.6 s apart.

@@ -30,6 +30,7 @@ pub const MAX_NUMBERS: usize = 64;
 const MARK: [u8; 2] = [0, 1];
 const TELEMETRY: u8 = 1;
 const RECEIPT: u8 = 2;
+const TO_NODE: u8 = 3;
 /// Telemetry that was sent before.
 const REPEATED: u8 = 0x41;
 /// In the byte of the kind: the datagram ends with a code.
@@ -74,6 +75,21 @@ pub struct Receipt {
     pub numbers: Vec<u32, MAX_NUMBERS>,
 }
 
+/// What a station tells a gateway's node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ToNode<'f> {
+    /// The gateway.
+    pub gateway: u64,
+    /// Its session.
+    pub session: u32,
+    /// The station's run.
+    pub station: u32,
+    /// When it is sent, by the station's clock: microseconds since 1970. Each is later than the one before.
+    pub sent_us: u64,
+    /// Frames for the node ([`to_node`](crate::to_node)), as they go through a cable.
+    pub frames: &'f [u8],
+}
+
 /// A datagram.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[allow(
@@ -85,6 +101,8 @@ pub enum Datagram<'f> {
     Telemetry(Envelope<'f>),
     /// From a station to a gateway.
     Receipt(Receipt),
+    /// From a station to a gateway.
+    ToNode(ToNode<'f>),
 }
 
 /// Why bytes are no datagram.
@@ -128,6 +146,7 @@ pub fn parse(bytes: &[u8]) -> Result<Received<'_>, DatagramError> {
         TELEMETRY => Datagram::Telemetry(Envelope::parse(body, false)?),
         REPEATED => Datagram::Telemetry(Envelope::parse(body, true)?),
         RECEIPT => Datagram::Receipt(Receipt::parse(body)?),
+        TO_NODE => Datagram::ToNode(ToNode::parse(body)?),
         kind => return Err(DatagramError::Kind(kind)),
     };
     Ok(Received { datagram, signed, code: (code_bytes > 0).then_some(code) })
@@ -200,6 +219,27 @@ impl Receipt {
     }
 }
 
+impl<'f> ToNode<'f> {
+    /// Writes it as [`Envelope::emit`] does.
+    pub fn emit(&self, has_code: bool, out: &mut [u8; MAX_DATAGRAM]) -> Option<usize> {
+        let mut writer = Writer { out, end: 0 };
+        writer.put(&MARK)?;
+        writer.put(&[TO_NODE | if has_code { HAS_CODE } else { 0 }])?;
+        writer.put(&self.gateway.to_le_bytes())?;
+        writer.put(&self.session.to_le_bytes())?;
+        writer.put(&self.station.to_le_bytes())?;
+        writer.put(&self.sent_us.to_le_bytes())?;
+        writer.put(self.frames)?;
+        (writer.end + CODE_BYTES <= MAX_DATAGRAM).then_some(writer.end)
+    }
+
+    fn parse(body: &'f [u8]) -> Result<Self, DatagramError> {
+        let mut reader = Reader(body);
+        let (gateway, session, station, sent_us) = (reader.u64()?, reader.u32()?, reader.u32()?, reader.u64()?);
+        Ok(Self { gateway, session, station, sent_us, frames: reader.0 })
+    }
+}
+
 /// A field is cut.
 impl From<FrameError> for DatagramError {
     fn from(_: FrameError) -> Self {
@@ -249,6 +289,20 @@ mod tests {
         Receipt { gateway, session, station, sent_us: 1_704_067_200_000_000, numbers }
     }
 
+    /// A message to a node, and its bytes.
+    struct ToNodeParts {
+        to_node: ToNode<'static>,
+        golden: std::vec::Vec<u8>,
+    }
+
+    fn message_to_a_node() -> ToNodeParts {
+        let (gateway, session, station) = (0x0102_0304_0506_0708, 0x1112_1314, 0x3132_3334);
+        let to_node = ToNode { gateway, session, station, sent_us: 1_704_067_200_000_000, frames: &[4, 1, 9, 8, 0] };
+        let mut golden = std::vec![0, 1, 3, 8, 7, 6, 5, 4, 3, 2, 1, 0x14, 0x13, 0x12, 0x11, 0x34, 0x33, 0x32, 0x31];
+        golden.extend([0x00, 0x20, 0x21, 0x10, 0xD7, 0x0D, 6, 0, 4, 1, 9, 8, 0]);
+        ToNodeParts { to_node, golden }
+    }
+
     /// Bytes in hexadecimal digits, in groups of four as the page has them.
     fn hex(bytes: &[u8]) -> std::string::String {
         let digits: std::vec::Vec<_> = bytes.iter().map(|byte| std::format!("{byte:02X}")).collect();
@@ -274,8 +328,11 @@ mod tests {
         of_receipt.extend([0x00, 0x20, 0x21, 0x10, 0xD7, 0x0D, 6, 0]);
         of_receipt.extend([0x24, 0x23, 0x22, 0x21, 0x25, 0x23, 0x22, 0x21]);
         assert_eq!(out[..told], of_receipt[..]);
+        let ToNodeParts { to_node, golden: of_message } = message_to_a_node();
+        let length = to_node.emit(false, &mut out).unwrap();
+        assert_eq!(out[..length], of_message[..]);
         let page = include_str!("../../../docs/reference/wire-format.md");
-        for bytes in [&golden, &of_receipt] {
+        for bytes in [&golden, &of_receipt, &of_message] {
             assert!(page.contains(&hex(bytes)), "{}", hex(bytes));
         }
     }
@@ -303,7 +360,7 @@ mod tests {
         assert_eq!(parse(FRAME), Err(DatagramError::Foreign));
         assert_eq!(parse(&[0, 0, 1, 2]), Err(DatagramError::Foreign));
         assert_eq!(parse(&[0, 2, 1, 2]), Err(DatagramError::Foreign));
-        assert_eq!(parse(&[0, 1, 3, 2]), Err(DatagramError::Kind(3)));
+        assert_eq!(parse(&[0, 1, 4, 2]), Err(DatagramError::Kind(4)));
         // A receipt is not sent again.
         assert_eq!(parse(&[0, 1, 0x42, 2]), Err(DatagramError::Kind(0x42)));
         // A frame's end and the next one's beginning.

@@ -11,7 +11,9 @@ use postcard::experimental::max_size::MaxSize;
 
 use crate::telemetry::{Message, SCHEMA};
 
-const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
+/// The check of frames, in both directions.
+// One table, for all who use it.
+pub(crate) static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 const CRC_BYTES: usize = 2;
 /// Schema, body and checksum of the longest message of this build.
 const MAX_PLAIN: usize = 1 + Message::POSTCARD_MAX_SIZE + CRC_BYTES;

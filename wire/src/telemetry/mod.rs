@@ -23,6 +23,7 @@ mod text;
 
 pub use address::Address;
 pub use decoder::{Counts, Decoder};
+pub(crate) use framing::CRC;
 pub use framing::{DecodeError, LONGEST_FRAME, MAX_FRAME, decode, encode};
 #[cfg(feature = "host")]
 pub use host::{Table, metres};

@@ -148,7 +148,13 @@ fn see(exchanges: &mut Vec<Exchange>, event: &Event<'_>, action: &Action<'_>) {
         | Action::WaitUntil(_)
         | Action::Sleep { .. }
         | Action::Compensate
-        | Action::Report(Report::Differences(_) | Report::Polled(_) | Report::Arrival(_) | Report::Link(_)) => {}
+        | Action::Report(
+            Report::Differences(_)
+            | Report::Polled(_)
+            | Report::Arrival(_)
+            | Report::Downlink(_)
+            | Report::Link(_),
+        ) => {}
     }
 }
 

@@ -85,7 +85,7 @@ impl Parts {
     }
 }
 
-/// The host at a cable, if there is one, and the station. Both get all telemetry.
+/// The host at a cable, if there is one, and the station. Both get all telemetry, and send messages to tags.
 pub(super) struct Both<C> {
     pub(super) cable: C,
     pub(super) gateway: Option<&'static Gateway>,
@@ -103,6 +103,13 @@ impl<C: HostChannel> HostChannel for Both<C> {
 
     fn is_read(&self) -> bool {
         self.cable.is_read() || self.gateway.is_some_and(|gateway| gateway.borrow().is_read(uptime_us()))
+    }
+
+    fn read(&mut self, into: &mut [u8]) -> usize {
+        match self.cable.read(into) {
+            0 => self.gateway.map_or(0, |gateway| gateway.borrow_mut().read(into)),
+            read => read,
+        }
     }
 }
 

@@ -3,14 +3,15 @@
 #![no_main]
 
 use baliza_board_evk1000::panel::{Awaiting, Panel};
-use baliza_board_evk1000::{Board, OnPanel, Radio, SharedPanel, Shown, display, supervise};
+use baliza_board_evk1000::{Board, OnPanel, Radio, RoleListener, SharedPanel, Shown, display, supervise};
 use embassy_executor::Spawner;
 use embassy_time::Delay;
 use firmware_anchor::node::Anchor;
 use firmware_common::node::{Node, Reporter};
 use firmware_tag::node::{NlosModelStore, RangingParts, Tag};
+use ranging::exchange::Protocol;
 use static_cell::StaticCell;
-use wire::telemetry::Role;
+use wire::telemetry;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
@@ -19,9 +20,26 @@ static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
 static ANCHOR: firmware_anchor::node::Memory = firmware_anchor::node::Memory::new();
 static PANEL: StaticCell<SharedPanel> = StaticCell::new();
 
+/// What the task that owns the radio does.
+enum Role {
+    Tag(&'static Tag, RangingParts<Radio>),
+    Anchor(Anchor<Radio>),
+}
+
 #[embassy_executor::task]
-async fn tag_ranging(tag: &'static Tag, exchange: RangingParts<Radio>, panel: &'static SharedPanel) {
-    tag.range(exchange, Delay, &tag.sink().with_observer(OnPanel(panel))).await;
+async fn ranging(role: Role, panel: &'static SharedPanel) {
+    let sink;
+    let (radio, mut machine, mut listener): (_, &mut dyn Protocol, _) = match role {
+        Role::Tag(tag, exchange) => {
+            sink = tag.sink().with_observer(OnPanel(panel));
+            (exchange.radio, exchange.machine, RoleListener::Tag(tag.listener(&sink)))
+        }
+        Role::Anchor(Anchor { radio, machine, reporter }) => {
+            let listener = firmware_anchor::TelemetrySink(reporter);
+            (radio, machine, RoleListener::Anchor(Shown { listener, panel }))
+        }
+    };
+    ranging::node::run(radio, &mut Delay, &mut machine, &mut listener).await;
 }
 
 #[embassy_executor::task]
@@ -29,18 +47,12 @@ async fn engine(tag: &'static Tag, panel: &'static SharedPanel) {
     tag.locate(Delay, &tag.sink().with_observer(OnPanel(panel))).await;
 }
 
-#[embassy_executor::task]
-async fn anchor_ranging(anchor: Anchor<Radio>, panel: &'static SharedPanel) {
-    let listener = firmware_anchor::TelemetrySink(anchor.reporter);
-    firmware_anchor::run(anchor.radio, Delay, anchor.machine, Shown { listener, panel }).await;
-}
-
 /// Spawns all tasks.
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let Board { uwb, switches, mut care, lcd, start, mut flash, ranging: above, .. } = Board::take();
     let (role, awaiting) =
-        if switches.anchor { (Role::Anchor, Awaiting::Poll) } else { (Role::Tag, Awaiting::Response) };
+        if switches.anchor { (telemetry::Role::Anchor, Awaiting::Poll) } else { (telemetry::Role::Tag, Awaiting::Response) };
     care.leds.show_role(switches.anchor);
     let panel: &_ = PANEL.init_with(|| SharedPanel::new(Panel::new(awaiting)));
     spawner.spawn(display(lcd, panel).unwrap());
@@ -50,13 +62,13 @@ async fn main(spawner: Spawner) {
         // The record's role comes from the switches.
         Some(configured) if switches.anchor => {
             if let Some(anchor) = ANCHOR.anchor(&mut node, &configured, radio) {
-                above.spawn(anchor_ranging(anchor, panel).unwrap());
+                above.spawn(ranging(Role::Anchor(anchor), panel).unwrap());
             }
         }
         Some(configured) => {
             if let Some((exchange, tag)) = TAG.tag(&mut node, configured, radio) {
                 tag.nlos_model = NLOS_MODEL.fill(&mut flash, node.board);
-                above.spawn(tag_ranging(tag, exchange, panel).unwrap());
+                above.spawn(ranging(Role::Tag(tag, exchange), panel).unwrap());
                 spawner.spawn(engine(tag, panel).unwrap());
             }
         }

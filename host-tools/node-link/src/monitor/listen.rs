@@ -26,6 +26,15 @@ pub trait Listener {
     /// The output cannot be written.
     fn output(&mut self, output: &NodeOutput) -> Result<bool>;
 
+    /// The bytes that the node is to get now. They come again until the node had room for them.
+    fn outgoing(&mut self, elapsed: Duration) -> Option<Vec<u8>> {
+        let _ = elapsed;
+        None
+    }
+
+    /// The node got the bytes.
+    fn sent(&mut self) {}
+
     /// Takes a message for the user, which is not part of the data: after all output before it.
     fn note(&mut self, note: &str);
 
@@ -64,6 +73,9 @@ pub fn listen(
             })
         };
         let ended = event == Some(Event::End);
+        if listener.outgoing(begun.elapsed()).is_some_and(|bytes| source.send(&bytes)) {
+            listener.sent();
+        }
         match event {
             Some(event) => session.accept(begun.elapsed(), event)?,
             None => session.tick()?,

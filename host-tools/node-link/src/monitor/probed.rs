@@ -154,6 +154,14 @@ impl<A: Attach> Source for Probed<A> {
             }
         }
     }
+
+    fn send(&mut self, bytes: &[u8]) -> bool {
+        match &mut self.state {
+            // An error shows itself at the next poll.
+            State::Reading { memory, rings } => rings.send(memory.as_mut(), bytes).unwrap_or(false),
+            State::New | State::Seeking { .. } | State::Lost(_) => false,
+        }
+    }
 }
 
 impl Attach for ProbeArguments {
@@ -212,6 +220,10 @@ mod tests {
             self.0.borrow_mut().read(address, bytes)
         }
 
+        fn write(&mut self, address: u64, bytes: &[u8]) -> Result<()> {
+            self.0.borrow_mut().write(address, bytes)
+        }
+
         fn write_word(&mut self, address: u64, word: u32) -> Result<()> {
             self.0.borrow_mut().write_word(address, word)
         }
@@ -243,6 +255,23 @@ mod tests {
         let told = Event::Bytes(NodeChannel::Telemetry, b"told".to_vec());
         assert_eq!(events(&mut source), [Event::Connected("chip".into()), told, log("log")]);
         assert_eq!(desk.0.borrow().resets, 0);
+    }
+
+    #[test]
+    fn bytes_go_to_the_node_as_far_as_its_ring_has_room() {
+        let desk = Desk::new();
+        let mut source = desk.source(None);
+        assert!(!source.send(b"too early"));
+        events(&mut source);
+        // 63 bytes, round the end of the ring.
+        for length in [40, 40, 20] {
+            assert!(source.send(&vec![7; length]));
+            assert_eq!(desk.0.borrow_mut().receive(), vec![7; length]);
+        }
+        assert!(source.send(&[1; 60]) && !source.send(&[2; 4]) && source.send(&[3; 3]));
+        assert_eq!(desk.0.borrow_mut().receive(), [&[1; 60][..], &[3; 3]].concat());
+        desk.0.borrow_mut().unplug();
+        assert!(!source.send(b"too late"));
     }
 
     #[test]

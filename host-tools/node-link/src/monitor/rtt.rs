@@ -20,6 +20,12 @@ pub trait Memory {
     /// The probe or the chip does not answer, or there is no memory at the address.
     fn read(&mut self, address: u64, bytes: &mut [u8]) -> Result<()>;
 
+    /// Writes bytes.
+    ///
+    /// # Errors
+    /// As for reading.
+    fn write(&mut self, address: u64, bytes: &[u8]) -> Result<()>;
+
     /// Writes a 32-bit word in the chip's byte order.
     ///
     /// # Errors
@@ -41,7 +47,8 @@ const ID: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";
 const HEADER: usize = 24;
 /// Size of name, buffer, size, write position, read position and flags, bytes.
 const DESCRIPTOR: usize = 24;
-/// The offset of the host's read position in a descriptor.
+/// The offsets of the write position and of the read position in a descriptor.
+const WRITE: u64 = 12;
 const READ: u64 = 16;
 /// The channels of the log and of telemetry.
 const CHANNELS: [NodeChannel; 2] = [NodeChannel::Log, NodeChannel::Telemetry];
@@ -167,6 +174,40 @@ impl Rings {
         Ok(Polled::Bytes { bytes, restarted })
     }
 
+    /// Writes bytes of a host into the node's first ring in the other direction. Returns whether it had room for all of
+    /// them; else it got none. A node of an older build has no such ring.
+    ///
+    /// # Errors
+    /// The memory cannot be read or written.
+    pub fn send(&self, memory: &mut dyn Memory, bytes: &[u8]) -> Result<bool> {
+        let mut header = [0; HEADER];
+        memory.read(self.address, &mut header)?;
+        let (up, down) = (word(&header, ID.len()), word(&header, ID.len() + 4));
+        if !header.starts_with(ID) || up > MAX_CHANNELS || down == 0 {
+            return Ok(false);
+        }
+        let place = self.address + HEADER as u64 + u64::from(up) * DESCRIPTOR as u64;
+        let mut descriptor = [0; DESCRIPTOR];
+        memory.read(place, &mut descriptor)?;
+        let ring = Ring::of(0, &descriptor);
+        if ring.buffer == 0 || ring.size == 0 || !ring.possible(&self.ram) {
+            return Ok(false);
+        }
+        // One place stays free: a full ring is not an empty one.
+        let room = (ring.read + ring.size - ring.write - 1) % ring.size;
+        if bytes.len() > room as usize {
+            return Ok(false);
+        }
+        let until_end = (ring.size - ring.write) as usize;
+        let (first, rest) = bytes.split_at(bytes.len().min(until_end));
+        memory.write(ring.buffer + u64::from(ring.write), first)?;
+        if !rest.is_empty() {
+            memory.write(ring.buffer, rest)?;
+        }
+        memory.write_word(place + WRITE, (ring.write + bytes.len() as u32) % ring.size)?;
+        Ok(true)
+    }
+
     /// The rings at present; `None` where the block is not a valid control block.
     fn look(&self, memory: &mut dyn Memory) -> Result<Option<Vec<Ring>>> {
         let mut block = [0; HEADER + CHANNELS.len() * DESCRIPTOR];
@@ -179,13 +220,7 @@ impl Rings {
         }
         let mut rings = Vec::new();
         for (channel, descriptor) in descriptors.chunks_exact(DESCRIPTOR).enumerate().take(up as usize) {
-            let ring = Ring {
-                channel,
-                buffer: word(descriptor, 4).into(),
-                size: word(descriptor, 8),
-                write: word(descriptor, 12),
-                read: word(descriptor, 16),
-            };
+            let ring = Ring::of(channel, descriptor);
             if ring.buffer == 0 {
                 continue;
             }
@@ -199,6 +234,11 @@ impl Rings {
 }
 
 impl Ring {
+    fn of(channel: usize, descriptor: &[u8]) -> Self {
+        let [buffer, size, write, read] = [4, 8, WRITE as usize, READ as usize].map(|at| word(descriptor, at));
+        Self { channel, buffer: buffer.into(), size, write, read }
+    }
+
     fn possible(&self, ram: &[Range<u64>]) -> bool {
         let end = self.buffer + u64::from(self.size);
         // Adjacent regions count as one, because a buffer may extend over two banks.

@@ -2,7 +2,7 @@
 //! resets its own USB) is opened again.
 
 use std::collections::VecDeque;
-use std::io::{ErrorKind, Read};
+use std::io::{ErrorKind, Read, Write};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -12,13 +12,18 @@ use super::demux::Demux;
 use super::source::{Event, Pace, Retry, Source};
 use recording::UserError;
 
+/// An open port.
+pub trait Connection: Read + Write {}
+
+impl<T: Read + Write + ?Sized> Connection for T {}
+
 /// Opens a port.
 pub trait Open {
     /// Opens the port. Its reads end with [`ErrorKind::TimedOut`] after a few milliseconds without bytes.
     ///
     /// # Errors
     /// The port does not exist or cannot be opened. The error is one sentence that says what to do.
-    fn open(&mut self) -> Result<Box<dyn Read>>;
+    fn open(&mut self) -> Result<Box<dyn Connection>>;
 }
 
 /// A serial port by name.
@@ -39,7 +44,7 @@ impl Port {
 const READ: Duration = Duration::from_millis(10);
 
 impl Open for Port {
-    fn open(&mut self) -> Result<Box<dyn Read>> {
+    fn open(&mut self) -> Result<Box<dyn Connection>> {
         let Self { name, baud } = self;
         match serialport::new(name.as_str(), *baud).timeout(READ).open() {
             Ok(port) => Ok(Box::new(port)),
@@ -83,7 +88,7 @@ fn refused(name: &str, error: serialport::Error) -> anyhow::Error {
 
 enum State {
     New,
-    Open(Box<dyn Read>),
+    Open(Box<dyn Connection>),
     Lost(Retry),
 }
 
@@ -168,19 +173,26 @@ impl<O: Open> Source for Serial<O> {
             }
         }
     }
+
+    fn send(&mut self, bytes: &[u8]) -> bool {
+        let State::Open(port) = &mut self.state else { return false };
+        port.write_all(bytes).and_then(|()| port.flush()).is_ok()
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::cell::RefCell;
     use std::collections::VecDeque;
-    use std::io::{self, ErrorKind, Read};
+    use std::io::{self, ErrorKind, Read, Write};
+    use std::rc::Rc;
     use std::time::Duration;
 
     use anyhow::{Result, anyhow};
 
     use super::super::source::{Event, NodeChannel, Pace, Source};
     use super::super::testing::{fix, frame, telemetry_frame};
-    use super::{Open, Port, Serial};
+    use super::{Connection, Open, Port, Serial};
 
     const PACE: Pace = Pace {
         poll: Duration::from_millis(1),
@@ -190,22 +202,45 @@ mod tests {
     };
 
     /// A simulated cable: what each opening gives, and what its reads give. `None`: the port does not exist.
-    struct Cable(VecDeque<Option<Vec<Given>>>);
+    struct Cable(VecDeque<Option<Vec<Given>>>, Written);
 
     type Given = Result<Vec<u8>, ErrorKind>;
 
-    struct Opened(VecDeque<Given>);
+    /// What was written to the port.
+    type Written = Rc<RefCell<Vec<u8>>>;
+
+    struct Opened {
+        reads: VecDeque<Given>,
+        written: Written,
+    }
 
     impl Open for Cable {
-        fn open(&mut self) -> Result<Box<dyn Read>> {
+        fn open(&mut self) -> Result<Box<dyn Connection>> {
             let reads = self.0.pop_front().flatten().ok_or_else(|| anyhow!("no port"))?;
-            Ok(Box::new(Opened(reads.into())))
+            Ok(Box::new(Opened { reads: reads.into(), written: self.1.clone() }))
+        }
+    }
+
+    impl Cable {
+        fn new(openings: impl Into<VecDeque<Option<Vec<Given>>>>) -> Self {
+            Self(openings.into(), Written::default())
+        }
+    }
+
+    impl Write for Opened {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.written.borrow_mut().extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
         }
     }
 
     impl Read for Opened {
         fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-            let read = self.0.pop_front().unwrap_or(Err(ErrorKind::TimedOut)).map_err(io::Error::from)?;
+            let read = self.reads.pop_front().unwrap_or(Err(ErrorKind::TimedOut)).map_err(io::Error::from)?;
             bytes[..read.len()].copy_from_slice(&read);
             Ok(read.len())
         }
@@ -215,12 +250,12 @@ mod tests {
     fn a_port_that_goes_away_is_opened_again() {
         let (line, place) = (frame(1, 5, &[1]), telemetry_frame(&fix(6, 3.21)));
         let mixture = [&[0xFF, 0], &line[..], &place, &place[..9]].concat();
-        let cable = Cable(VecDeque::from([
+        let cable = Cable::new([
             Some(vec![Ok(mixture), Err(ErrorKind::TimedOut), Err(ErrorKind::BrokenPipe)]),
             None,
             None,
             Some(vec![Ok(place.clone())]),
-        ]));
+        ]);
         let mut source = Serial::new(cable, "port".into(), PACE);
         let mut events = Vec::new();
         while events.last() != Some(&Event::Bytes(NodeChannel::Telemetry, place.clone())) || events.len() < 5 {
@@ -237,8 +272,21 @@ mod tests {
     }
 
     #[test]
+    fn bytes_go_to_the_node_while_it_is_connected() {
+        let cable = Cable::new([Some(vec![Err(ErrorKind::TimedOut), Err(ErrorKind::BrokenPipe)])]);
+        let written = cable.1.clone();
+        let mut source = Serial::new(cable, "port".into(), PACE);
+        assert!(!source.send(b"too early"));
+        assert_eq!(source.next(Duration::ZERO).expect("no failure"), Some(Event::Connected("port".into())));
+        assert!(source.send(b"now"));
+        while !matches!(source.next(Duration::from_millis(20)).expect("no failure"), Some(Event::Lost(_))) {}
+        assert!(!source.send(b"too late"));
+        assert_eq!(*written.borrow(), b"now");
+    }
+
+    #[test]
     fn a_port_that_is_not_there_at_the_start_is_a_failure() {
-        let mut source = Serial::new(Cable(VecDeque::new()), "port".into(), PACE);
+        let mut source = Serial::new(Cable::new([]), "port".into(), PACE);
         assert!(source.next(Duration::ZERO).is_err());
         let port = Port { name: "/dev/nosuch".into(), baud: Port::BAUD };
         let error =

@@ -45,6 +45,13 @@ pub trait Source {
     /// An error that waiting does not remove: an unknown chip, or a file that cannot be read. A failure that may pass
     /// is reported as [`Event::Lost`] instead.
     fn next(&mut self, patience: Duration) -> Result<Option<Event>>;
+
+    /// Passes bytes of a host on to the node. Returns whether it got all of them; else it got none, because it is not
+    /// connected, has no room, or is a file.
+    fn send(&mut self, bytes: &[u8]) -> bool {
+        let _ = bytes;
+        false
+    }
 }
 
 /// The intervals of a source.

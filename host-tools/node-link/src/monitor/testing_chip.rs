@@ -2,7 +2,8 @@
 
 use super::rtt::Memory;
 
-/// A chip's memory with a node's RTT rings in it, as `rtt-target` keeps them: two of 63 bytes.
+/// A chip's memory with a node's RTT rings in it, as `rtt-target` keeps them: two of 63 bytes, and one in the other
+/// direction.
 pub struct Ram {
     bytes: Vec<u8>,
     block: usize,
@@ -12,6 +13,8 @@ pub struct Ram {
 }
 
 const SIZE: usize = 64;
+/// The control block with three descriptors.
+const HEAD: usize = 24 + 3 * 24;
 
 impl Ram {
     pub const BASE: u64 = 0x2000_0000;
@@ -23,13 +26,13 @@ impl Ram {
     /// The node starts and makes its control block here.
     pub fn start(&mut self, place: usize) {
         self.block = place;
-        self.bytes[place..place + 72].fill(0);
-        for channel in 0..2 {
-            let buffer = Self::BASE as usize + place + 72 + channel * SIZE;
+        self.bytes[place..place + HEAD].fill(0);
+        for channel in 0..3 {
+            let buffer = Self::BASE as usize + place + HEAD + channel * SIZE;
             self.set(channel, 1, buffer);
             self.set(channel, 2, SIZE);
         }
-        self.bytes[place + 16] = 2;
+        (self.bytes[place + 16], self.bytes[place + 20]) = (2, 1);
         self.bytes[place..place + 10].copy_from_slice(b"SEGGER RTT");
     }
 
@@ -49,10 +52,22 @@ impl Ram {
             return false;
         }
         for (index, byte) in bytes.iter().enumerate() {
-            self.bytes[self.block + 72 + channel * SIZE + (write + index) % SIZE] = *byte;
+            self.bytes[self.block + HEAD + channel * SIZE + (write + index) % SIZE] = *byte;
         }
         self.set(channel, 3, (write + bytes.len()) % SIZE);
         true
+    }
+
+    /// The node reads what the host has sent.
+    pub fn receive(&mut self) -> Vec<u8> {
+        let (write, mut read) = (self.get(2, 3), self.get(2, 4));
+        let mut bytes = Vec::new();
+        while read != write {
+            bytes.push(self.bytes[self.block + HEAD + 2 * SIZE + read]);
+            read = (read + 1) % SIZE;
+        }
+        self.set(2, 4, read);
+        bytes
     }
 
     fn word(&self, channel: usize, word: usize) -> std::ops::Range<usize> {
@@ -90,6 +105,11 @@ impl Ram {
 impl Memory for Ram {
     fn read(&mut self, address: u64, bytes: &mut [u8]) -> anyhow::Result<()> {
         bytes.copy_from_slice(self.at(address, bytes.len())?);
+        Ok(())
+    }
+
+    fn write(&mut self, address: u64, bytes: &[u8]) -> anyhow::Result<()> {
+        self.at(address, bytes.len())?.copy_from_slice(bytes);
         Ok(())
     }
 

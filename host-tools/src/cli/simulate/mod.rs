@@ -137,9 +137,11 @@ pub struct Arguments {
     /// a network, the mean), airtime_share_max (of the busiest network), tags_joined, joined_s (when the last of them
     /// had slots for the first time), slots_with_fix (of tags with a fixed rate, since each joined), uplink_share (of the
     /// positions told in polls, those that an anchor with a cable reported), uplink_p99_s (how long 99 % of them took
-    /// from the tag's report at most), data_share (of the data that tags' users sent), forged_frames (of attackers),
-    /// forged_accepted (how often a node believed one), tag_mean_current_ma, charge_per_fix_uc and tag_currents_ma
-    /// (board and DW1000, from the first position on; none with --fidelity air); with beacons also bluetooth
+    /// from the tag's report at most), data_share (of the data that tags' users sent), message_share (of
+    /// hosts' messages to tags, those that their tags took), message_p99_s (how long 99 % of them took, with the tag's
+    /// answer), forged_frames (of attackers), forged_accepted (how often a node believed one), tag_mean_current_ma,
+    /// charge_per_fix_uc and tag_currents_ma (board and DW1000, from the first position on; none with --fidelity air); with
+    /// beacons also bluetooth
     #[arg(long)]
     json: bool,
 }

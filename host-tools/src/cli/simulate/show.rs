@@ -155,6 +155,12 @@ pub(super) fn summary_text(summary: &Summary) -> String {
         let percent = 100.0 * share;
         let _ = writeln!(text, "data of users: {percent:.1} % reached an anchor with a cable");
     }
+    if let Some(share) = summary.message_share {
+        let within =
+            summary.message_p99_s.map_or_else(String::new, |p99_s| format!(", 99 % of these within {p99_s:.2} s"));
+        let percent = 100.0 * share;
+        let _ = writeln!(text, "messages to tags: {percent:.1} % were taken{within}");
+    }
     if let Some((forged, accepted)) = summary.forged_frames.zip(summary.forged_accepted) {
         let _ = writeln!(text, "attack: {forged} frames; nodes believed {accepted}");
     }

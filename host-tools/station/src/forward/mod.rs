@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use node_link::gateway_key::GatewayKey;
 use station_core::Utc;
-use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, Receipt, Received, Secret, parse, sealed};
+use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, Receipt, Received, Secret, ToNode, parse, sealed};
 
 use self::collector::{Bundle, Collector};
 use self::queue::{Place, Queue};
@@ -80,8 +80,9 @@ pub(crate) fn run(
     let mut gateway = Gateway::open(settings)?;
     let (sender, inputs) = channel();
     for (name, source) in sources {
-        let sender = sender.clone();
-        thread::spawn(move || read(&name, source, &sender));
+        let (sender, (to_node, frames)) = (sender.clone(), channel());
+        gateway.nodes.push(to_node);
+        thread::spawn(move || read(&name, source, &sender, &frames));
     }
     // The channel ends with the last source.
     drop(sender);
@@ -95,8 +96,8 @@ enum FromSource {
     Note(String),
 }
 
-/// Reads a source to its end.
-fn read(name: &str, source: OpenSource, sender: &Sender<FromSource>) {
+/// Reads a source to its end, and passes `frames` on to its node.
+fn read(name: &str, source: OpenSource, sender: &Sender<FromSource>, frames: &Receiver<Vec<u8>>) {
     let mut collector = Collector::default();
     let mut take = |input: NodeInput| {
         let now_us = now_us();
@@ -117,7 +118,7 @@ fn read(name: &str, source: OpenSource, sender: &Sender<FromSource>) {
         // A receiver that is gone has ended.
         let _ = sender.send(FromSource::Note(format!("{name}: {text}")));
     };
-    let ended = read_node(source, &mut take, &mut note);
+    let ended = read_node(source, &mut take, &mut || frames.try_recv().ok(), &mut note);
     take(NodeInput::Lost);
     let how = ended.map_or_else(|error| format!("{error:#}"), |()| "it has ended".to_owned());
     let _ = sender.send(FromSource::Note(format!("{name}: {how}")));
@@ -158,6 +159,10 @@ struct Gateway<'a> {
     is_disk_failing: bool,
     /// By session and number.
     flights: HashMap<(u32, u32), Flight>,
+    /// Where frames for nodes go.
+    nodes: Vec<Sender<Vec<u8>>>,
+    /// When the station sent the last of them, by its clock: an older one was recorded and sent again.
+    told_us: u64,
 }
 
 impl<'a> Gateway<'a> {
@@ -180,6 +185,8 @@ impl<'a> Gateway<'a> {
             is_away: None,
             is_disk_failing: false,
             flights: HashMap::new(),
+            nodes: Vec::new(),
+            told_us: 0,
         })
     }
 
@@ -340,27 +347,42 @@ impl<'a> Gateway<'a> {
                 Err(error) if error.kind() == ErrorKind::ConnectionRefused => continue,
                 Err(_) => return,
             };
-            if let Some(receipt) = self.authentic(bytes.get(..length).unwrap_or_default()) {
-                self.take(&receipt);
+            match self.authentic(bytes.get(..length).unwrap_or_default()) {
+                Some(Datagram::Receipt(receipt)) if receipt.gateway == self.number && receipt.station != 0 => {
+                    self.take(&receipt);
+                }
+                Some(Datagram::ToNode(told)) => self.pass_on(told),
+                Some(Datagram::Receipt(_) | Datagram::Telemetry(_)) | None => {}
             }
         }
     }
 
-    /// A receipt of the station, if it is one.
-    fn authentic(&self, bytes: &[u8]) -> Option<Receipt> {
-        let Received { datagram: Datagram::Receipt(receipt), signed, code } = parse(bytes).ok()? else { return None };
+    /// Passes frames of the station on to all nodes.
+    fn pass_on(&mut self, told: ToNode<'_>) {
+        let is_ours = (told.gateway, told.session, told.station) == (self.number, self.session, self.station);
+        if !is_ours || told.sent_us <= self.told_us {
+            return;
+        }
+        self.told_us = told.sent_us;
+        // A source that has ended has no node.
+        self.nodes.retain(|node| node.send(told.frames.to_vec()).is_ok());
+    }
+
+    /// A datagram of the station, if it is one.
+    fn authentic<'d>(&self, bytes: &'d [u8]) -> Option<Datagram<'d>> {
+        let Received { datagram, signed, code } = parse(bytes).ok()?;
         let is_right = match (self.secret(), code) {
             (Some(secret), Some(code)) => secret.is_code(signed, code),
             (Some(_), None) => false,
             (None, _) => true,
         };
-        (is_right && receipt.gateway == self.number && receipt.station != 0).then_some(receipt)
+        is_right.then_some(datagram)
     }
 
     fn take(&mut self, receipt: &Receipt) {
         self.asked = None;
         if receipt.station != self.station {
-            self.station = receipt.station;
+            (self.station, self.told_us) = (receipt.station, 0);
             self.queue.recall();
             for (_, flight) in self.flights.drain() {
                 self.queue.unanswered(flight.place);

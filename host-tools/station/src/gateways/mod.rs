@@ -17,7 +17,9 @@ use anyhow::{Context, Result};
 use node_link::gateway_key::GatewayKey;
 use station_core::net::make_room;
 use station_core::{ReportKind, SourceReport, Utc};
-use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, MAX_NUMBERS, Receipt, Received, Secret, parse, sealed};
+use wire::datagram::{
+    Datagram, Envelope, MAX_DATAGRAM, MAX_NUMBERS, Receipt, Received, Secret, ToNode, parse, sealed,
+};
 use wire::telemetry::{Decoder, Message};
 
 use self::taken::TakenNumbers;
@@ -33,6 +35,8 @@ const WRONG_CLOCK_US: u64 = 2_000_000;
 const MOST_GATEWAYS: usize = 1024;
 const MOST_SESSIONS: usize = 64;
 const MOST_NODES: usize = 4096;
+/// A gateway that has sent nothing for this time gets no messages.
+const REACHED: Duration = Duration::from_secs(60);
 /// From one note about refused datagrams to the next.
 const NOTE_EVERY: Duration = Duration::from_secs(60);
 
@@ -58,6 +62,8 @@ struct Gateway {
     is_clock_noted: bool,
     sessions: HashMap<u32, (TakenNumbers, Instant)>,
     received: Instant,
+    /// From where its last datagram of this run came, and that one's session.
+    at: (SocketAddr, u32),
 }
 
 impl Gateway {
@@ -203,8 +209,9 @@ impl<'a> Gateways<'a> {
             is_clock_noted: false,
             sessions: HashMap::new(),
             received: now,
+            at: (from, session),
         });
-        gateway.received = now;
+        (gateway.received, gateway.at) = (now, (from, session));
         if !gateway.is_new(session, number, now) {
             return Vec::new();
         }
@@ -246,6 +253,19 @@ impl<'a> Gateways<'a> {
 
     fn name(&self, gateway: u64) -> String {
         self.key(gateway).map_or_else(|| format!("0x{gateway:016x}"), |key| key.name.clone())
+    }
+
+    /// Sends a frame to the nodes of all gateways.
+    pub fn send_to_nodes(&self, frame: &[u8], mut send: impl FnMut(&[u8], SocketAddr)) {
+        let mut out = [0; MAX_DATAGRAM];
+        for (&gateway, known) in self.known.iter().filter(|(_, known)| known.received.elapsed() < REACHED) {
+            let secret = self.key(gateway).map(|key| Secret(key.secret));
+            let (to, session) = known.at;
+            let sent_us = Utc::now().us().unsigned_abs();
+            let told = ToNode { gateway, session, station: self.run, sent_us, frames: frame };
+            let Some(length) = told.emit(secret.is_some(), &mut out) else { continue };
+            send(sealed(secret.as_ref(), length, &mut out), to);
+        }
     }
 
     /// Sends the receipts of all that was taken since the last call.

@@ -148,7 +148,7 @@ fn check(now: RadioInstant, action: Action<'_>) -> Last {
             }
             Last::Report
         }
-        Action::Report(Report::Link(_) | Report::Polled(_) | Report::Arrival(_)) => Last::Report,
+        Action::Report(Report::Link(_) | Report::Polled(_) | Report::Arrival(_) | Report::Downlink(_)) => Last::Report,
     }
 }
 

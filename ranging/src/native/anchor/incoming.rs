@@ -185,6 +185,7 @@ impl Anchor {
                 }
                 if is_known {
                     self.uplink.receive(source, sync_frame, network.own_slot());
+                    self.downlinks.receive(sync_frame);
                 }
             }
             None => {
@@ -247,6 +248,10 @@ impl Anchor {
             self.polled_at = Some((frame.rx_time, place == Some(0)));
         }
         let lease = network.on_poll(&mut self.leases, tag, poll, pulse);
+        // One of the anchors asked is enough, another one in each round: perhaps some have not received the message.
+        let turn = usize::from(round).checked_rem(poll.anchors.len());
+        let is_in_turn = place.is_some() && turn == place;
+        let has_message = self.downlinks.on_poll(tag, poll.data.as_ref(), is_in_turn);
         let Some(place) = place else { return };
         let slot = poll.first_slot() + place;
         let poll_rx = frame.rx_time;
@@ -258,7 +263,7 @@ impl Anchor {
         // A long response is only for rounds that have room for it.
         let last_final = last_final.filter(|_| timing.layout.scheme == Scheme::DoubleSided);
         let reply = departure.since(poll_rx);
-        let response = Response { round: poll.round as u8, lease, poll_rx, reply, last_final };
+        let response = Response { round: poll.round as u8, lease, has_message, poll_rx, reply, last_final };
         let polled = poll.part.is_none().then(|| end_of(&self.config.network.phy, frame));
         self.answer = Some(Answer { tag, polled, start, response, sealed });
         // The distances in another anchor's poll are for tags that only listen.

@@ -12,6 +12,7 @@ use super::anchor_rounds::AnchorRounds;
 use super::authentication::{Challenger, Moment, Opened, SealedPoll};
 use super::compensation::Compensation;
 use super::coordinator::Coordinator;
+use super::downlinks::Downlinks;
 use super::leases::Leases;
 use super::pace::Meter;
 use super::plan::Rate;
@@ -22,7 +23,7 @@ use crate::exchange::{Action, COMPENSATION, Event, Link, Polled, Protocol, Range
 use crate::time::METRES_PER_TICK;
 use crate::{Pace, RadioDuration, RadioInstant, StampModel, Start};
 use wire::uwb::layout::Scheme;
-use wire::uwb::native::{FinalReceived, Message, Position, Response};
+use wire::uwb::native::{Downlink, FinalReceived, Message, Position, Response};
 use wire::uwb::{Address, BROADCAST, FrameBuffer, Header};
 
 /// The configuration of an anchor.
@@ -80,6 +81,7 @@ pub struct Anchor {
     network: Option<Coordinator>,
     leases: Leases,
     uplink: Uplink,
+    downlinks: Downlinks,
     /// Without a network: the instant at which to found one.
     found_at: Option<RadioInstant>,
     challenger: Challenger,
@@ -162,6 +164,7 @@ impl Anchor {
             network: None,
             leases: Leases::new(),
             uplink: Uplink::new(),
+            downlinks: Downlinks::new(),
             found_at: None,
             challenger: Challenger::default(),
             is_proven: false,
@@ -197,6 +200,7 @@ impl Anchor {
         (self.network, self.found_at, self.answer) = (None, None, None);
         self.leases.clear();
         self.uplink.clear();
+        self.downlinks.clear();
         self.arrivals.clear();
         self.answered.clear();
         (self.wake_at, self.pulse_at, self.asks_at) = (None, None, None);
@@ -284,7 +288,7 @@ impl Anchor {
         // Tags ask for the room for finals.
         let wish = self.meter.wish(Scheme::SingleSided);
         let answer = self.challenger.answer();
-        let news = (&mut self.leases, &mut self.uplink);
+        let news = (&mut self.leases, &mut self.uplink, &mut self.downlinks);
         let (sync_frame, takes_over) = network.compose(news, slot, self.position, wish, answer);
         let moment = network.course.moment();
         if takes_over {
@@ -385,6 +389,10 @@ impl Protocol for Anchor {
     fn set_host(&mut self, has_host: bool) {
         self.has_host = has_host;
         self.uplink.set_host(has_host);
+    }
+
+    fn send_down(&mut self, message: Downlink) {
+        self.downlinks.send(message, self.config.address);
     }
 
     fn refused_frames(&self) -> u32 {

@@ -33,6 +33,9 @@ impl Tag {
                 let Superframes { timing, phase, .. } = &network.sync.course;
                 let range = self.round.receive(timing, &self.bias, &mut self.anchors, told.source, *response, frame);
                 if range.is_some() {
+                    if response.has_message {
+                        self.watch.expect(told.source);
+                    }
                     network.lease.answered(response.lease, phase.number);
                     network.sync.prove();
                 }
@@ -88,6 +91,7 @@ impl Tag {
         }
         self.aim = None;
         self.learn_leases(sync_frame);
+        self.inbox.receive(self.config.address, self.config.network.key.is_some(), sync_frame);
         let phase = self.network.as_ref().map(|network| network.sync.course.phase);
         if let (Some(assumed), Some(phase)) = (assumed, phase)
             && assumed.number == phase.number

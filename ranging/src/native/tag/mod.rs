@@ -37,6 +37,7 @@
 //! A start of the radio from any state but `Napping` returns the tag to `Idle` and to its search.
 
 mod config;
+mod inbox;
 mod incoming;
 mod schedule;
 mod seldom;
@@ -44,6 +45,7 @@ mod slot_request;
 mod stopwatch;
 
 pub use self::config::TagConfig;
+use self::inbox::Inbox;
 use self::schedule::Followed;
 use self::seldom::{Aim, Awaited, Nap};
 use self::stopwatch::Stopwatch;
@@ -59,7 +61,7 @@ use super::timing::end_of;
 use super::wake_ups::{Slept, WakeUps};
 use crate::exchange::{Action, Event, Guidance, Link, Protocol, Report, RoundFix};
 use crate::{Pace, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
-use wire::uwb::native::{Message, UserData};
+use wire::uwb::native::{Downlink, Message, UserData};
 use wire::uwb::{Address, BROADCAST, FrameBuffer, Header};
 
 /// What the tag's last action was, and so the meaning of the next event.
@@ -102,6 +104,7 @@ pub struct Tag {
     fix: Option<RoundFix>,
     /// Data for the first poll of a superframe.
     data: Option<UserData>,
+    inbox: Inbox,
     /// How long the node computes with the last round and earlier ones, …
     busy: RadioDuration,
     /// … and the end of this computation.
@@ -147,6 +150,7 @@ impl Tag {
             position_m: None,
             fix: None,
             data: None,
+            inbox: Inbox::default(),
             busy: RadioDuration::ZERO,
             free_at: None,
             busy_per_round: RadioDuration::ZERO,
@@ -369,13 +373,16 @@ impl Tag {
         if self.round.has_report() { Action::Report(Report::Round(self.round.report())) } else { self.idle(present) }
     }
 
-    /// Nothing is in progress: reports a change of the link, or does what is next in the superframe.
+    /// Nothing is in progress: reports a change of the link or a message, or does what is next in the superframe.
     fn idle(&mut self, present: RadioInstant) -> Action<'_> {
         self.state = State::Idle;
-        match self.link.take() {
-            Some(link) => Action::Report(Report::Link(link)),
-            None => self.schedule(present),
+        if let Some(link) = self.link.take() {
+            return Action::Report(Report::Link(link));
         }
+        if let Some(received) = self.inbox.waiting.take() {
+            return Action::Report(Report::Downlink(self.inbox.reported.insert(received)));
+        }
+        self.schedule(present)
     }
 }
 
@@ -397,11 +404,17 @@ impl Protocol for Tag {
         }
     }
 
+    fn send_down(&mut self, message: Downlink) {
+        if message.tag == self.config.address {
+            self.inbox.put(message, true);
+        }
+    }
+
     fn refused_frames(&self) -> u32 {
         self.anchors.refused.total()
     }
 
-    fn carried(&mut self) -> Option<u8> {
+    fn carried(&mut self) -> Option<(bool, u8)> {
         self.round.take_sent_data()
     }
 

@@ -278,7 +278,8 @@ impl Tag {
             return Self::listen(begin.since(present).max(SHORTEST_WAIT));
         }
         let Some(rate) = self.rate.filter(|_| is_seldom) else { return Action::WaitUntil(begin) };
-        if let Some(turns) = network.next_turn(&self.config, rate).filter(|turns| *turns >= DOZE_FROM && self.dozes) {
+        let may_doze = self.dozes && !self.watch.expects_message();
+        if let Some(turns) = network.next_turn(&self.config, rate).filter(|turns| *turns >= DOZE_FROM && may_doze) {
             if let Some(action) = self.hold_over(present, turns) {
                 return action;
             }

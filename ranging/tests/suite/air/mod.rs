@@ -12,8 +12,9 @@ use std::collections::VecDeque;
 use rand::{Rng, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
-use ranging::exchange::{Action, Arrival, Difference, Event, Link, Protocol, Range, Report};
+use ranging::exchange::{Action, Arrival, Difference, Event, Link, Protocol, Range, ReceivedMessage, Report};
 use ranging::{Diagnostics, Pace, PhyConfig, RadioDuration, RadioInstant, RangeBias, RxFrame, StampModel, Start};
+use wire::uwb::native::Downlink;
 
 pub const TICKS: f64 = 63_897_600_000.0;
 /// Speed of light in air, metres per second.
@@ -49,6 +50,7 @@ pub enum Owned {
     Differences { reference: u16, differences: Vec<Difference> },
     Polled,
     Arrival(Arrival),
+    Downlink { message: Downlink, is_trusted: bool },
     Link(Link),
 }
 
@@ -66,6 +68,9 @@ impl From<Action<'_>> for Owned {
             }
             Action::Report(Report::Polled(_)) => Self::Polled,
             Action::Report(Report::Arrival(arrival)) => Self::Arrival(arrival),
+            Action::Report(Report::Downlink(&ReceivedMessage { message, is_trusted })) => {
+                Self::Downlink { message, is_trusted }
+            }
             Action::Report(Report::Link(link)) => Self::Link(link),
         }
     }
@@ -154,6 +159,7 @@ pub enum What {
     Round { asked: u8, ranges: Vec<Range> },
     Differences { reference: u16, differences: Vec<Difference> },
     Arrival(Arrival),
+    Downlink { message: Downlink, is_trusted: bool },
     Link(Link),
 }
 
@@ -445,6 +451,10 @@ impl Air {
                 self.reports.push(Reported { time: now, node, what: What::Arrival(arrival) });
                 State::Step(now, Plain::Reported)
             }
+            Owned::Downlink { message, is_trusted } => {
+                self.reports.push(Reported { time: now, node, what: What::Downlink { message, is_trusted } });
+                State::Step(now, Plain::Reported)
+            }
             Owned::WaitUntil(instant) => {
                 self.nodes[node].listening = None;
                 self.nodes[node].heard.clear();
@@ -575,7 +585,7 @@ impl Air {
             What::Round { ranges, .. } if report.node == node && report.time >= from => {
                 Some((report.time, ranges.clone()))
             }
-            What::Round { .. } | What::Differences { .. } | What::Arrival(_) | What::Link(_) => None,
+            What::Round { .. } | What::Differences { .. } | What::Arrival(_) | What::Downlink { .. } | What::Link(_) => None,
         };
         self.reports.iter().filter_map(of).collect()
     }
@@ -586,7 +596,7 @@ impl Air {
             What::Differences { reference, differences } if report.node == node && report.time >= from => {
                 Some((*reference, differences.clone()))
             }
-            What::Differences { .. } | What::Round { .. } | What::Arrival(_) | What::Link(_) => None,
+            What::Differences { .. } | What::Round { .. } | What::Arrival(_) | What::Downlink { .. } | What::Link(_) => None,
         };
         self.reports.iter().filter_map(of).collect()
     }
@@ -600,7 +610,7 @@ impl Air {
     pub fn links(&self, node: usize) -> Vec<(f64, Link)> {
         let of = |report: &Reported| match report.what {
             What::Link(link) if report.node == node => Some((report.time, link)),
-            What::Link(_) | What::Arrival(_) | What::Round { .. } | What::Differences { .. } => None,
+            What::Link(_) | What::Arrival(_) | What::Downlink { .. } | What::Round { .. } | What::Differences { .. } => None,
         };
         self.reports.iter().filter_map(of).collect()
     }

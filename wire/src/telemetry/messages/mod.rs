@@ -16,6 +16,7 @@ mod reset;
 mod room;
 mod sighting;
 mod supply;
+mod tag_answer;
 mod tag_data;
 mod tag_fix;
 
@@ -41,6 +42,7 @@ pub use reset::{Crash, CrashReason, Reset, ResetCause};
 pub use room::{Room, RoomEstimate, RoomLine, RoomProbability};
 pub use sighting::{BeaconId, Sighting};
 pub use supply::Supply;
+pub use tag_answer::TagAnswer;
 pub use tag_data::TagData;
 pub use tag_fix::TagFix;
 
@@ -77,4 +79,6 @@ messages! {
     TagData,
     /// When a blink or a sync frame arrived at an anchor.
     Arrival,
+    /// A tag's answer to a message of a host, as an anchor received it in the tag's poll.
+    TagAnswer,
 }

@@ -1,6 +1,7 @@
 //! Frames of native mode. All are data frames with 16-bit addresses. The first byte of the payload is the message's
 //! code. `docs/reference/wire-format.md` has the bytes of each message, with the examples that the tests here have.
 
+mod downlink;
 mod integrity;
 mod lease;
 mod poll;
@@ -16,6 +17,7 @@ use super::{Address, BROADCAST, FrameBuffer, FrameError, Header, Reader};
 use integrity::AUTHENTICATED;
 use radio::{RadioDuration, RadioInstant};
 
+pub use downlink::{Answer, Command, Downlink};
 pub use integrity::{CODE_BYTES, IntegrityCode, Nonce, integrity_code, software_code, split_code};
 pub use lease::{Confirmation, Grant, Lease, LeasedPoll, MAX_BLINKS, Period, Turn, Turns};
 pub use poll::{Asked, Poll};
@@ -105,6 +107,8 @@ pub struct Response {
     pub round: u8,
     /// What the anchor knows of the lease of the poll's turn.
     pub lease: Confirmation,
+    /// A message to the tag waits here: the anchor's next sync frames carry it.
+    pub has_message: bool,
     /// Arrival of the poll, in the anchor's clock.
     pub poll_rx: RadioInstant,
     /// From the poll's arrival to this frame's departure, in the anchor's clock: below 67 ms.
@@ -222,11 +226,15 @@ pub const CHALLENGE_BYTES: u16 = HEAD + 8 + CODE_BYTES as u16 + 2;
 const SHORTEST_SYNC_FRAME_BYTES: u16 = HEAD + 44 + 2;
 /// Bytes of the longest sync frame on the air, including its check bytes. An integrity code still fits into a frame.
 pub const SYNC_FRAME_BYTES: u16 = 119;
+/// In the byte of the confirmation.
+const HAS_MESSAGE: u8 = 0x80;
+
 impl Response {
     #[inline]
     fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let [round, lease] = reader.take()?;
-        let lease = Confirmation::from_code(lease)?;
+        let has_message = lease & HAS_MESSAGE != 0;
+        let lease = Confirmation::from_code(lease & !HAS_MESSAGE)?;
         let poll_rx = RadioInstant::from_le_bytes(reader.take()?);
         let reply = RadioDuration::from_ticks(reader.u32()?.into());
         let last_final = match reader.u8() {
@@ -234,12 +242,12 @@ impl Response {
             Ok(round) => Some(FinalReceived { round, after_response: RadioDuration::from_ticks(reader.u32()?.into()) }),
         };
         reader.end()?;
-        Ok(Self { round, lease, poll_rx, reply, last_final })
+        Ok(Self { round, lease, has_message, poll_rx, reply, last_final })
     }
 
     #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
-        out.put(&[RESPONSE, self.round, self.lease as u8]);
+        out.put(&[RESPONSE, self.round, self.lease as u8 | if self.has_message { HAS_MESSAGE } else { 0 }]);
         out.put(&self.poll_rx.to_le_bytes());
         out.put(&(self.reply.ticks() as u32).to_le_bytes());
         if let Some(FinalReceived { round, after_response }) = self.last_final {
@@ -378,6 +386,7 @@ mod tests {
         let response = Response {
             round: 0xFE,
             lease: Confirmation::Renewed,
+            has_message: false,
             poll_rx: RadioInstant::from_ticks(0xFF_0102_0304),
             reply: RadioDuration::from_ticks(0x0123_4567),
             last_final: None,
@@ -523,6 +532,34 @@ mod tests {
         golden.truncate(42);
         golden.extend([0x20, 17, 0, 0, 8, 1, 0]);
         round_trip(Message::SyncFrame(SyncFrame { relay: Some(relay), ..sync_frame(0) }), &golden);
+    }
+
+    #[test]
+    fn golden_message_to_a_tag_and_its_answer() {
+        // For 6000 superframes, 0x1770, by gateway 0x0A0B; 30 seconds of light.
+        let message = Downlink { gateway: 0x0A0B, left: 6000, ..Downlink::new(0x0809, 200, Command::Identify(30)).unwrap() };
+        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
+        golden.extend(0x10..0x20);
+        golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        golden.extend([0x40, 17, 0, 25, 12, 0, 0, 0x09, 0x08, 0x0B, 0x0A, 0x70, 0x17, 0x41, 200, 1, 30]);
+        let relay = Relay { cost: 25, next: 12, taken: 0, entries: [message.into()].into_iter().collect() };
+        round_trip(Message::SyncFrame(SyncFrame { relay: Some(relay), ..sync_frame(0) }), &golden);
+        let asked = Asked { address: 1, distance: Distance::Unsent };
+        let data = Some(UserData::answering(200, Answer::NeedsKey));
+        let anchors = [asked].into_iter().collect();
+        let poll = Poll { round: 1, wish: Layout::LEAST, anchors, position: None, data, part: None };
+        round_trip(Message::Poll(poll), &[0x30, 1, 0, 0x14, 0, 1, 0, 200, 0x81, 2]);
+        assert_eq!(data.and_then(|data| data.answer()), Some(Answer::NeedsKey));
+        assert_eq!(UserData::new(200, &[2]).and_then(|data| data.answer()), None);
+        let response = Response {
+            round: 1,
+            lease: Confirmation::Ended,
+            has_message: true,
+            poll_rx: RadioInstant::from_ticks(0),
+            reply: RadioDuration::ZERO,
+            last_final: None,
+        };
+        round_trip(Message::Response(response), &[0x31, 1, 0x82, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub struct Relayed {
     pub content: Carried,
 }
 
-/// What a poll carries for hosts. One that carries both makes two entries.
+/// What a poll carries for hosts, one that carries both makes two entries; or what a host tells a tag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Carried {
@@ -46,6 +46,9 @@ pub enum Carried {
     Position(PolledPosition),
     /// Data of the tag's user.
     Data(UserData),
+    /// A message to the tag: [`Relayed::downlink`]. The number of the round is the gateway's address, the time is for how
+    /// many superframes it is kept, and the anchors asked are its kind.
+    Downlink(UserData),
 }
 
 impl Relay {
@@ -81,6 +84,7 @@ impl Relay {
 
 impl Relayed {
     const IS_DATA: u8 = 0x80;
+    const IS_DOWNLINK: u8 = 0x40;
     const ASKED: u8 = 0x0F;
 
     #[inline]
@@ -89,6 +93,7 @@ impl Relayed {
         let content = match what & !Self::ASKED {
             0 => Carried::Position(PolledPosition(reader.take()?)),
             Self::IS_DATA => Carried::Data(UserData::parse(reader)?),
+            Self::IS_DOWNLINK => Carried::Downlink(UserData::parse(reader)?),
             _ => return Err(FrameError::Field),
         };
         Ok(Self { tag, round, at, asked: what & Self::ASKED, content })
@@ -100,23 +105,23 @@ impl Relayed {
         out.put(&self.round.to_le_bytes());
         out.put(&self.at.to_le_bytes());
         let asked = self.asked.min(Self::ASKED);
-        match &self.content {
+        let (is, data) = match &self.content {
             Carried::Position(position) => {
                 out.put(&[asked]);
-                out.put(&position.0);
+                return out.put(&position.0);
             }
-            Carried::Data(data) => {
-                out.put(&[asked | Self::IS_DATA]);
-                data.emit(out);
-            }
-        }
+            Carried::Data(data) => (Self::IS_DATA, data),
+            Carried::Downlink(data) => (Self::IS_DOWNLINK, data),
+        };
+        out.put(&[asked | is]);
+        data.emit(out);
     }
 
     /// Its length on the air.
     pub fn bytes(&self) -> usize {
         let content = match &self.content {
             Carried::Position(_) => PolledPosition::BYTES,
-            Carried::Data(data) => 2 + data.bytes().len(),
+            Carried::Data(data) | Carried::Downlink(data) => 2 + data.bytes().len(),
         };
         7 + content
     }

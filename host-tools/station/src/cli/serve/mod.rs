@@ -36,6 +36,7 @@ use self::mqtt::MqttArguments;
 use self::sign_in::{SignInArguments, Users};
 use self::viewers::{Listening, Viewers};
 use host_tools::cli::stream::{STOP, catch_signals};
+use host_tools::cli::tell::frame;
 use host_tools::cli::{note, prompt};
 
 /// Serve a live map, a store and an API of the positions of tags
@@ -368,17 +369,21 @@ impl Sources {
         for (name, source) in self.sources {
             let (reports, site, note) = (hub.reports(), self.site.clone(), note.clone());
             let admission = Arc::clone(&self.admission);
+            let mut messages = source.takes_messages().then(|| hub.messages().listen());
             thread::spawn(move || {
                 let mut note = |text: &str| note(&format!("{name}: {text}\n"));
-                match crate::run(source, &admission, &site, &mut sender(reports), &mut note) {
+                let mut outgoing = || messages.as_mut()?.try_recv().ok().map(|message| frame(&message));
+                let ways: (crate::ReportSender<'_>, crate::Outgoing<'_>) = (&mut sender(reports), &mut outgoing);
+                match crate::run(source, &admission, &site, ways, &mut note) {
                     Ok(()) => note("it has ended"),
                     Err(error) => note(&format!("{error:#}")),
                 }
             });
         }
         if let Some((scenario, site)) = self.simulation {
-            let reports = hub.reports();
-            thread::spawn(move || simulate(scenario, &site.site.name, &mut sender(reports)));
+            let (reports, mut messages) = (hub.reports(), hub.messages().listen());
+            let mut outgoing = move || messages.try_recv().ok();
+            thread::spawn(move || simulate(scenario, &site.site.name, &mut sender(reports), &mut outgoing));
         }
         self.mqtt
     }

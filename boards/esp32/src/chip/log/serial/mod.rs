@@ -102,6 +102,11 @@ impl HostChannel for TelemetryChannel {
     fn is_read(&self) -> bool {
         with(|shared| shared.is_read)
     }
+
+    fn read(&mut self, into: &mut [u8]) -> usize {
+        let received = into.iter_mut().zip(core::iter::from_fn(port::received));
+        received.map(|(place, byte)| *place = byte).count()
+    }
 }
 
 /// Starts the task that empties the queue.

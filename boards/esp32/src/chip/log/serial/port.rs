@@ -43,6 +43,20 @@ impl Port {
     }
 }
 
+/// The next byte that the host has sent by USB. At a UART, the node receives nothing.
+#[cfg(not(feature = "esp32"))]
+pub fn received() -> Option<u8> {
+    let device = USB_DEVICE::regs();
+    let is_there = device.ep1_conf().read().serial_out_ep_data_avail().bit_is_set();
+    is_there.then(|| device.ep1().read().rdwr_byte().bits())
+}
+
+/// The same for a chip without USB: none.
+#[cfg(feature = "esp32")]
+pub const fn received() -> Option<u8> {
+    None
+}
+
 /// Whether a host is connected: a host on USB starts a frame each millisecond.
 #[cfg(not(feature = "esp32"))]
 async fn host_is_there() -> bool {
