@@ -20,8 +20,8 @@ mod queue;
 use core::cell::RefCell;
 
 use embassy_futures::select::{Either, select};
-use heapless::Deque;
 use embedded_hal_async::delay::DelayNs;
+use heapless::Deque;
 use wire::config::{Wifi, WifiKey};
 use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, MAX_FRAMES, Receipt, Received, Secret, ToNode, parse, sealed};
 

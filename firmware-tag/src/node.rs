@@ -17,7 +17,8 @@ use wire::uwb::native::UserData;
 
 use crate::motion::MotionSensor;
 use crate::{
-    AnchorPosition, LocatorConfig, RangingListener, RateControl, SendError, Sink, TelemetrySink, anchor_positions, motion,
+    AnchorPosition, LocatorConfig, RangingListener, RateControl, SendError, Sink, TelemetrySink, anchor_positions,
+    motion,
 };
 
 pub use crate::nlos_model::NlosModelStore;

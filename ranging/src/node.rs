@@ -119,10 +119,7 @@ async fn attempt<R: Restart>(
     let (mut now, mut event, mut refused) = (radio.now().await?, Event::Started, machine.refused_frames());
     loop {
         count_refused(&mut refused, machine, listener);
-        machine.set_host(listener.has_host());
-        if let Some(message) = listener.message() {
-            machine.send_down(message);
-        }
+        attend_host(machine, listener);
         let action = machine.step(now, event);
         listener.observe(now, &event, &action);
         let wait = match action {
@@ -187,6 +184,14 @@ async fn attempt<R: Restart>(
         event = if slept? { Event::Started } else { Event::Woken };
         now = radio.now().await?;
         *failures = 0;
+    }
+}
+
+/// Passes on whether a host is there, and what it tells tags.
+fn attend_host(machine: &mut impl Protocol, listener: &mut impl Listener) {
+    machine.set_host(listener.has_host());
+    if let Some(message) = listener.message() {
+        machine.send_down(message);
     }
 }
 

@@ -8,14 +8,14 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use downlink::{MOST_WAITING, Outcome, PendingMessages, Settled};
+use downlink::{MOST_WAITING, MessageOutcome, PendingMessages, Settled};
 use serde::{Deserialize, Serialize};
 use tokio::sync::broadcast;
 use tokio::time::{Instant, MissedTickBehavior, interval};
 use utoipa::ToSchema;
 use wire::config::MAX_RATE_CHZ;
 use wire::telemetry::Address;
-use wire::uwb::native::{Answer, Command, Downlink, UserData};
+use wire::uwb::native::{Answer, Downlink, TagCommand, UserData};
 
 use crate::Utc;
 
@@ -28,7 +28,7 @@ const KNOWN: usize = 1_000;
 
 /// What a message says: one of these.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum MessageContent {
     /// The tag's light flashes for so many seconds, 1 to 255.
     IdentifyS(u8),
@@ -40,13 +40,13 @@ pub enum MessageContent {
 
 impl MessageContent {
     /// The command; `None` where a value is out of its range.
-    fn command<'b>(&self, bytes: &'b mut Vec<u8>) -> Option<Command<'b>> {
+    fn command<'b>(&self, bytes: &'b mut Vec<u8>) -> Option<TagCommand<'b>> {
         match self {
-            Self::IdentifyS(seconds) => (*seconds > 0).then_some(Command::Identify(*seconds)),
+            Self::IdentifyS(seconds) => (*seconds > 0).then_some(TagCommand::Identify(*seconds)),
             Self::RateHz(hz) => {
                 let chz = hz * 100.0;
                 let is_rate = *hz == 0.0 || (1.0..=f64::from(MAX_RATE_CHZ)).contains(&chz);
-                is_rate.then(|| Command::Rate(chz.round() as u32))
+                is_rate.then(|| TagCommand::Rate(chz.round() as u32))
             }
             Self::Data(digits) => {
                 if !digits.is_ascii() || !digits.len().is_multiple_of(2) || digits.len() > 2 * UserData::MOST {
@@ -54,7 +54,7 @@ impl MessageContent {
                 }
                 let byte = |at: usize| u8::from_str_radix(digits.get(at..at + 2)?, 16).ok();
                 *bytes = (0..digits.len()).step_by(2).map(byte).collect::<Option<_>>()?;
-                (!bytes.is_empty()).then_some(Command::Data(bytes))
+                (!bytes.is_empty()).then_some(TagCommand::Data(bytes))
             }
         }
     }
@@ -80,14 +80,14 @@ pub enum MessageState {
     Withdrawn,
 }
 
-impl From<Outcome> for MessageState {
-    fn from(outcome: Outcome) -> Self {
+impl From<MessageOutcome> for MessageState {
+    fn from(outcome: MessageOutcome) -> Self {
         match outcome {
-            Outcome::Answered(Answer::Taken) => Self::Taken,
-            Outcome::Answered(Answer::Unknown) => Self::Unknown,
-            Outcome::Answered(Answer::NeedsKey) => Self::NeedsKey,
-            Outcome::Answered(Answer::Full) => Self::Full,
-            Outcome::Expired => Self::Expired,
+            MessageOutcome::Answered(Answer::Taken) => Self::Taken,
+            MessageOutcome::Answered(Answer::Unknown) => Self::Unknown,
+            MessageOutcome::Answered(Answer::NeedsKey) => Self::NeedsKey,
+            MessageOutcome::Answered(Answer::Full) => Self::Full,
+            MessageOutcome::Expired => Self::Expired,
         }
     }
 }
@@ -113,7 +113,7 @@ pub struct TagMessage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MessageRefusal {
     /// A value is out of its range.
-    #[error("identify-s is 1 to 255, rate-hz 0 or 0.01 to 1000, data 1 to 24 bytes of two hexadecimal digits")]
+    #[error("identify_s is 1 to 255, rate_hz 0 or 0.01 to 1000, data 1 to 24 bytes of two hexadecimal digits")]
     Content,
     /// Too many wait for this tag.
     #[error("{MOST_WAITING} messages wait for this tag already")]
@@ -264,7 +264,7 @@ mod tests {
         let mut source = messages.listen();
         messages.look();
         let due = source.try_recv().expect("it is due");
-        assert_eq!((due.tag, due.command()), (0x1001, Some(Command::Identify(30))));
+        assert_eq!((due.tag, due.command()), (0x1001, Some(TagCommand::Identify(30))));
         assert_eq!(messages.to("0x1001"), [message.clone()]);
         messages.answered(0x1001, due.data.number(), Answer::Taken);
         let [settled] = &messages.to("0x1001")[..] else { panic!("one message") };

@@ -73,6 +73,7 @@ field(ProtoField.double, "rho_yz", "Correlation of y and z")
 field(ProtoField.bool, "suspect", "Suspect", 8, nil, 0x80)
 field(ProtoField.uint8, "data_number", "Number of the user's data")
 field(ProtoField.bytes, "data", "Data of the tag's user", base.SPACE)
+field(ProtoField.bool, "answer", "Answers a message", 8, nil, 0x80)
 field(ProtoField.uint8, "rounds_ago", "Measured this many rounds ago", base.DEC, nil, 0x7F)
 field(ProtoField.bool, "passes_request_on", "Passes a request on", 8, nil, 0x80)
 field(ProtoField.uint8, "members", "Members", base.DEC, nil, 0x1F)
@@ -97,6 +98,11 @@ field(ProtoField.uint16, "relayed", "Relayed from tag", base.HEX)
 field(ProtoField.double, "relayed.at", "Received in superframe, modulo 256")
 field(ProtoField.uint8, "relayed.asked", "Anchors asked", base.DEC, nil, 0x0F)
 field(ProtoField.bool, "relayed.data", "Data of the tag's user", 8, nil, 0x80)
+field(ProtoField.uint16, "message", "Message to tag", base.HEX)
+field(ProtoField.uint16, "message.gateway", "Gateway", base.HEX)
+field(ProtoField.uint16, "message.left", "Kept for superframes")
+field(ProtoField.uint8, "message.kind", "Kind", base.DEC, { [0] = "data", [1] = "identify", [2] = "rate" }, 0x0F)
+field(ProtoField.bool, "has_message", "A message to the tag waits", 8, nil, 0x80)
 field(ProtoField.uint32, "session", "Session", base.HEX)
 field(ProtoField.uint16, "epoch", "Superframe, high half")
 field(ProtoField.bool, "answers", "Answers a challenge", 8, nil, 0x08)
@@ -246,10 +252,12 @@ local function add_tag_position(tree, reader)
     tree:add(f.rounds_ago, last)
 end
 
--- Data of a tag's user.
+-- Data of a tag's user, a tag's answer to a message, or a message's bytes.
 local function add_data(tree, reader)
     tree:add(f.data_number, reader:take(1))
-    local length = reader:take(1):uint()
+    local range = reader:take(1)
+    local length = range:uint() % 128
+    tree:add(f.answer, range)
     if length == 0 or length > MAX_DATA then
         error(length .. " bytes of data", 0)
     end
@@ -300,10 +308,11 @@ end
 local function response(tree, reader)
     tree:add(f.round_low, reader:take(1))
     local options = reader:take(1)
-    if CONFIRMATIONS[options:uint()] == nil then
+    if CONFIRMATIONS[options:uint() % 128] == nil then
         error("options " .. options:uint(), 0)
     end
     tree:add(f.confirmation, options)
+    tree:add(f.has_message, options)
     tree:add_le(f.poll_rx, reader:take(5))
     add_us(tree, f.reply, reader:take(4))
     if reader:left() > 0 then
@@ -353,8 +362,20 @@ local function add_lease(tree, reader)
     branch:add(f.lease_part, range, part)
 end
 
--- What an anchor passes on to a gateway: what a tag told in a poll.
+-- A message of a host, on its way to a tag.
+local function add_message(tree, reader)
+    local branch = tree:add_le(f.message, reader:take(2))
+    branch:add_le(f.message_gateway, reader:take(2))
+    branch:add_le(f.message_left, reader:take(2))
+    branch:add(f.message_kind, reader:take(1))
+    add_data(branch, reader)
+end
+
+-- What an anchor passes on: to a gateway what a tag told in a poll, or a message to a tag.
 local function add_relayed(tree, reader)
+    if reader:left() > 6 and math.floor(reader.tvb(reader.at + 6, 1):uint() / 16) == 4 then
+        return add_message(tree, reader)
+    end
     local branch = tree:add_le(f.relayed, reader:take(2))
     branch:add_le(f.round, reader:take(2))
     local at, what = reader:take(2), reader:take(1)

@@ -74,10 +74,10 @@ impl FrameReader {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::uwb::native::Command;
+    use crate::uwb::native::TagCommand;
 
     fn message(bytes: &[u8]) -> Downlink {
-        Downlink::new(0x0809, 200, Command::Data(bytes)).expect("it fits")
+        Downlink::new(0x0809, 200, TagCommand::Data(bytes)).expect("it fits")
     }
 
     fn read(reader: &mut FrameReader, bytes: &[u8]) -> std::vec::Vec<Downlink> {
@@ -90,8 +90,9 @@ mod tests {
         // Before COBS: 01 09 08 00 C8 "door 3" and CRC-16/IBM-3740 of these: see the page.
         let encoded = encode(&message(b"door 3"), &mut frame).to_vec();
         let digits: std::vec::Vec<_> = encoded.iter().map(|byte| std::format!("{byte:02X}")).collect();
+        let digits = digits.chunks(4).map(|group| group.concat()).collect::<std::vec::Vec<_>>().join(" ");
         let page = include_str!("../../docs/reference/wire-format.md");
-        assert!(page.contains(&digits.join(" ")), "{}", digits.join(" "));
+        assert!(page.contains(&digits), "{digits}");
         assert_eq!(encoded[..6], [4, 1, 9, 8, 10, 200]);
         assert_eq!(read(&mut FrameReader::new(), &encoded), [message(b"door 3")]);
     }
@@ -102,7 +103,8 @@ mod tests {
         let mut frames = [[0; MAX_FRAME]; 2];
         let longest = message(&[0; UserData::MOST]);
         let [first, second] = &mut frames;
-        let (first, second) = (encode(&longest, first).to_vec(), encode(&message(&[7; UserData::MOST]), second).to_vec());
+        let (first, second) =
+            (encode(&longest, first).to_vec(), encode(&message(&[7; UserData::MOST]), second).to_vec());
         assert!(first.len() <= MAX_FRAME && second.len() <= MAX_FRAME);
         let text = b"a line of text that somebody typed into a terminal, much longer than any frame";
         let torn = &first[..first.len() - 3];

@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use wire::uwb::native::{Answer, Command, Downlink};
+use wire::uwb::native::{Answer, Downlink, TagCommand};
 
 /// From one message of a host to the next, microseconds: an anchor passes each on in two sync frames.
 const EVERY_US: u64 = 250_000;
@@ -21,7 +21,7 @@ pub const MOST_WAITING: usize = 16;
 
 /// What became of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum MessageOutcome {
     /// The tag has answered.
     Answered(Answer),
     /// The tag has not answered in time.
@@ -36,7 +36,7 @@ pub struct Settled {
     /// Short address of the tag.
     pub tag: u16,
     /// What became of it.
-    pub outcome: Outcome,
+    pub outcome: MessageOutcome,
     /// How long it took, microseconds.
     pub took_us: u64,
 }
@@ -72,7 +72,7 @@ impl PendingMessages {
 
     /// Takes a message that is of use for `lasts_us`. Returns its number in this host; `None` if it cannot be sent, or too
     /// many wait for this tag.
-    pub fn send(&mut self, tag: u16, command: Command<'_>, now_us: u64, lasts_us: u64) -> Option<u64> {
+    pub fn send(&mut self, tag: u16, command: TagCommand<'_>, now_us: u64, lasts_us: u64) -> Option<u64> {
         let waiting = self.tags.get(&tag).map_or(0, VecDeque::len);
         let number = self.numbers.get(&tag).copied().unwrap_or(self.first_number);
         let message = Downlink::new(tag, number, command).filter(|_| waiting < MOST_WAITING)?;
@@ -131,11 +131,17 @@ impl PendingMessages {
     /// A gateway reports a tag's answer to the message with this number. Returns the message that it settles.
     pub fn answered(&mut self, tag: u16, number: u8, answer: Answer, now_us: u64) -> Option<Settled> {
         let of_tag = self.tags.get_mut(&tag)?;
-        let pending = of_tag.pop_front_if(|pending| pending.message.data.number() == number && pending.sent.is_some())?;
+        let pending =
+            of_tag.pop_front_if(|pending| pending.message.data.number() == number && pending.sent.is_some())?;
         if of_tag.is_empty() {
             self.tags.remove(&tag);
         }
-        Some(Settled { id: pending.id, tag, outcome: Outcome::Answered(answer), took_us: now_us - pending.asked_us })
+        Some(Settled {
+            id: pending.id,
+            tag,
+            outcome: MessageOutcome::Answered(answer),
+            took_us: now_us - pending.asked_us,
+        })
     }
 
     /// Takes the messages that are of no use any more.
@@ -146,7 +152,7 @@ impl PendingMessages {
                 let is_over = now_us >= pending.expires_us;
                 if is_over {
                     let took_us = now_us - pending.asked_us;
-                    expired.push(Settled { id: pending.id, tag, outcome: Outcome::Expired, took_us });
+                    expired.push(Settled { id: pending.id, tag, outcome: MessageOutcome::Expired, took_us });
                 }
                 !is_over
             });
@@ -166,21 +172,19 @@ mod tests {
     /// The times in seconds at which a tag's messages are sent until `until_s`, with their numbers.
     fn sendings(pending: &mut PendingMessages, from_s: u64, until_s: u64) -> Vec<(f64, u16, u8)> {
         let steps = (from_s * 10..until_s * 10).map(|tenth| tenth * SECOND / 10);
-        steps
-            .filter_map(|now| pending.due(now).map(|due| (now as f64 / 1e6, due.tag, due.data.number())))
-            .collect()
+        steps.filter_map(|now| pending.due(now).map(|due| (now as f64 / 1e6, due.tag, due.data.number()))).collect()
     }
 
     #[test]
     fn what_is_not_answered_is_sent_again_after_twice_the_time() {
         let mut pending = PendingMessages::new(250);
-        let id = pending.send(7, Command::Identify(9), 0, LONG).expect("it fits");
+        let id = pending.send(7, TagCommand::Identify(9), 0, LONG).expect("it fits");
         // 3, 6, 12 … seconds after each other, at last a minute.
         let expected = [0, 3, 9, 21, 45, 93, 153, 213].map(|at| (at as f64, 7, 250));
         assert_eq!(sendings(&mut pending, 0, 214), expected);
         assert_eq!(pending.answered(7, 249, Answer::Taken, 214 * SECOND), None);
         let settled = pending.answered(7, 250, Answer::Full, 214 * SECOND);
-        let outcome = Outcome::Answered(Answer::Full);
+        let outcome = MessageOutcome::Answered(Answer::Full);
         assert_eq!(settled, Some(Settled { id, tag: 7, outcome, took_us: 214 * SECOND }));
         assert_eq!(pending.answered(7, 250, Answer::Full, 215 * SECOND), None, "from another anchor");
         assert!(pending.is_empty() && sendings(&mut pending, 214, 400).is_empty());
@@ -190,7 +194,7 @@ mod tests {
     fn a_tag_gets_one_message_at_a_time_and_others_get_theirs_meanwhile() {
         let mut pending = PendingMessages::new(255);
         for tag in [7, 8] {
-            (0..2).for_each(|s| assert!(pending.send(tag, Command::Identify(s), 0, LONG).is_some()));
+            (0..2).for_each(|s| assert!(pending.send(tag, TagCommand::Identify(s), 0, LONG).is_some()));
         }
         assert_eq!(sendings(&mut pending, 0, 2), [(0.0, 7, 255), (0.3, 8, 255)]);
         assert!(pending.answered(8, 255, Answer::Taken, 2 * SECOND).is_some());
@@ -201,9 +205,10 @@ mod tests {
     #[test]
     fn not_more_are_on_their_way_than_anchors_keep() {
         let mut pending = PendingMessages::new(0);
-        (0..20).for_each(|tag| assert!(pending.send(tag, Command::Data(b"1"), 0, LONG).is_some()));
+        (0..20).for_each(|tag| assert!(pending.send(tag, TagCommand::Data(b"1"), 0, LONG).is_some()));
         let first = sendings(&mut pending, 0, 10);
-        let tags = |sent: &[(f64, u16, u8)]| sent.iter().map(|(_, tag, _)| *tag).collect::<std::collections::BTreeSet<_>>();
+        let tags =
+            |sent: &[(f64, u16, u8)]| sent.iter().map(|(_, tag, _)| *tag).collect::<std::collections::BTreeSet<_>>();
         assert_eq!(tags(&first).len(), MOST_FRESH);
         // Nobody answers: the others are sent as well, as the first ones are repeated more and more seldom.
         assert_eq!(tags(&sendings(&mut pending, 10, 300)).len(), 20);
@@ -212,14 +217,14 @@ mod tests {
     #[test]
     fn messages_end_with_their_time_and_too_many_are_refused() {
         let mut pending = PendingMessages::new(0);
-        let ids: Vec<_> = (0..MOST_WAITING).map(|_| pending.send(7, Command::Identify(1), 0, SECOND)).collect();
+        let ids: Vec<_> = (0..MOST_WAITING).map(|_| pending.send(7, TagCommand::Identify(1), 0, SECOND)).collect();
         assert!(ids.iter().all(Option::is_some));
-        assert_eq!(pending.send(7, Command::Identify(1), 0, SECOND), None);
-        assert_eq!(pending.send(8, Command::Data(&[]), 0, SECOND), None, "no bytes");
+        assert_eq!(pending.send(7, TagCommand::Identify(1), 0, SECOND), None);
+        assert_eq!(pending.send(8, TagCommand::Data(&[]), 0, SECOND), None, "no bytes");
         assert!(pending.withdraw(3) && !pending.withdraw(3));
         assert_eq!(pending.expired(SECOND - 1), []);
         let expired = pending.expired(SECOND);
         assert_eq!((expired.len(), pending.len()), (MOST_WAITING - 1, 0));
-        assert!(expired.iter().all(|it| it.outcome == Outcome::Expired && it.took_us == SECOND && it.id != 3));
+        assert!(expired.iter().all(|it| it.outcome == MessageOutcome::Expired && it.took_us == SECOND && it.id != 3));
     }
 }

@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use downlink::{Outcome, PendingMessages};
+use downlink::{MessageOutcome, PendingMessages};
 use recording::UserError;
 use wire::telemetry::{Address, Message};
 use wire::to_node::{MAX_FRAME, encode};
-use wire::uwb::native::{Answer, Command, Downlink, UserData};
+use wire::uwb::native::{Answer, Downlink, TagCommand, UserData};
 
 /// A tag that sleeps for minutes answers as well.
 const LASTS: Duration = Duration::from_secs(3600);
@@ -76,9 +76,9 @@ impl TellArguments {
     pub fn telling(&self) -> Result<Option<Telling>, getrandom::Error> {
         let Some(tag) = self.tell else { return Ok(None) };
         let command = match (self.identify, self.rate, &self.data) {
-            (Some(seconds), ..) => Command::Identify(seconds),
-            (None, Some(chz), _) => Command::Rate(chz),
-            (None, None, data) => Command::Data(data.as_ref().map_or(&[], |Bytes(bytes)| bytes)),
+            (Some(seconds), ..) => TagCommand::Identify(seconds),
+            (None, Some(chz), _) => TagCommand::Rate(chz),
+            (None, None, data) => TagCommand::Data(data.as_ref().map_or(&[], |Bytes(bytes)| bytes)),
         };
         let mut pending = PendingMessages::new(getrandom::u32()? as u8);
         let is_sent = pending.send(tag, command, 0, micros(LASTS)).is_some();
@@ -108,7 +108,7 @@ impl Telling {
     pub fn take(&mut self, message: &Message, elapsed: Duration) -> Option<String> {
         let Message::TagAnswer(told) = message else { return None };
         let settled = self.pending.answered(told.tag, told.number, told.answer(), micros(elapsed))?;
-        let Outcome::Answered(answer) = settled.outcome else { return None };
+        let MessageOutcome::Answered(answer) = settled.outcome else { return None };
         self.answer = Some(answer);
         Some(format!("{} answers after {:.1} s: {}", Address(self.tag), settled.took_us as f64 / 1e6, answer.as_str()))
     }
@@ -146,7 +146,11 @@ mod tests {
         );
         let matches = command.try_get_matches_from([&["monitor"], arguments].concat());
         let matches = matches.unwrap_or_else(|error| panic!("{}", error.kind() == ErrorKind::DisplayHelp));
-        TellArguments::from_arg_matches(&matches).expect("right arguments").telling().expect("random").expect("a message")
+        TellArguments::from_arg_matches(&matches)
+            .expect("right arguments")
+            .telling()
+            .expect("random")
+            .expect("a message")
     }
 
     #[test]
@@ -160,7 +164,7 @@ mod tests {
         assert_eq!(telling.outgoing(seconds(4)).as_ref(), Some(&first), "nobody answers");
         let mut reader = wire::to_node::FrameReader::new();
         let message = first.iter().find_map(|byte| reader.feed(*byte)).expect("a message");
-        assert_eq!((message.tag, message.command()), (0x1001, Some(Command::Data(b"ok"))));
+        assert_eq!((message.tag, message.command()), (0x1001, Some(TagCommand::Data(b"ok"))));
         assert!(telling.result().is_err());
         let number = message.data.number();
         let answer = |tag, number, answer| TagAnswer { t_us: 0, tag, number, age_us: 0, code: answer as u8 }.into();

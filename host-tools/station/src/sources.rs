@@ -216,9 +216,7 @@ pub(super) fn read_node(
 ) -> Result<()> {
     let mut read = |source: &mut dyn Source, pacing| read(source, pacing, take, outgoing, note);
     match source {
-        OpenSource::Probe(probe) => {
-            read(&mut PipedProbe::start(probe.as_deref())?, None)
-        }
+        OpenSource::Probe(probe) => read(&mut PipedProbe::start(probe.as_deref())?, None),
         OpenSource::Serial(name, baud) => {
             let port = Port { name: name.clone(), baud };
             read(&mut Serial::new(port, name, Pace::default()), None)

@@ -11,7 +11,7 @@ use ranging::exchange::Protocol;
 use ranging::native::{Anchor, AnchorConfig, Network, NetworkKey, PollContent, Rate, Scheme, Tag, TagConfig};
 use ranging::{PhyConfig, RadioDuration};
 use wire::uwb::native::{
-    Answer, Carried, Command, Downlink, Frame, Message, Poll, SyncFrame, UserData, software_code,
+    Answer, Carried, Downlink, Frame, Message, Poll, SyncFrame, TagCommand, UserData, software_code,
 };
 
 /// Anchors 25 m apart in a row, with a reach of 30 m: each receives its neighbours.
@@ -103,7 +103,7 @@ impl Row {
         Self { air, host, tag }
     }
 
-    fn send(&self, number: u8, command: Command<'_>) {
+    fn send(&self, number: u8, command: TagCommand<'_>) {
         self.host.borrow_mut().push_back(Downlink::new(TAG, number, command).expect("it fits"));
     }
 
@@ -139,11 +139,11 @@ fn a_message_goes_from_anchor_to_anchor_to_the_tag_and_ends_with_its_answer() {
         for period_ms in [None, Some(1_000)] {
             let mut row = Row::new(key, 4, period_ms, true);
             row.air.run_until(20.0);
-            row.send(200, Command::Identify(9));
+            row.send(200, TagCommand::Identify(9));
             row.air.run_until(40.0);
             let received = row.received(20.0);
             let &[(at, message, is_trusted)] = &received[..] else { panic!("{key:?} {period_ms:?}: {received:?}") };
-            assert_eq!((message.tag, message.gateway, message.command()), (TAG, 1, Some(Command::Identify(9))));
+            assert_eq!((message.tag, message.gateway, message.command()), (TAG, 1, Some(TagCommand::Identify(9))));
             assert_eq!(is_trusted, key.is_some());
             // Three hops of a superframe each at most; a tag that sleeps polls once a second and listens a superframe later.
             let most = if period_ms.is_none() { 0.8 } else { 2.8 };
@@ -159,12 +159,12 @@ fn a_message_goes_from_anchor_to_anchor_to_the_tag_and_ends_with_its_answer() {
 fn a_tag_that_does_not_answer_is_told_again_at_each_poll_and_a_newer_message_takes_the_place() {
     let mut row = Row::new(None, 2, Some(1_000), false);
     row.air.run_until(15.0);
-    row.send(1, Command::Data(b"first"));
+    row.send(1, TagCommand::Data(b"first"));
     row.air.run_until(35.0);
     let times: Vec<f64> = row.received(15.0).iter().map(|(at, ..)| *at).collect();
     // Each second or so an anchor says that it has a message; what comes again within two seconds was repeated.
     assert!(times.len() >= 6 && times.windows(2).all(|pair| pair[1] - pair[0] > 1.9), "{times:?}");
-    row.send(2, Command::Data(b"second"));
+    row.send(2, TagCommand::Data(b"second"));
     row.air.run_until(50.0);
     let received = row.received(35.0);
     let numbers: Vec<u8> = received.iter().map(|(_, message, _)| message.data.number()).collect();
@@ -178,21 +178,21 @@ fn a_tag_that_was_off_gets_its_message_when_it_is_there_again() {
     let mut row = Row::new(Some(3), 3, Some(1_000), true);
     row.air.switch_off(row.tag);
     row.air.run_until(10.0);
-    row.send(9, Command::Rate(500));
+    row.send(9, TagCommand::Rate(500));
     row.air.run_until(60.0);
     assert!(row.sendings(12.0).is_empty(), "nobody repeats it meanwhile");
     row.air.switch_on(row.tag, tag(network(Some(3), 98), Some(1_000), true));
     row.air.run_until(120.0);
     let received = row.received(60.0);
     assert_eq!(received.len(), 1, "{received:?}");
-    assert_eq!(received[0].1.command(), Some(Command::Rate(500)));
+    assert_eq!(received[0].1.command(), Some(TagCommand::Rate(500)));
 }
 
 #[test]
 fn a_poll_with_an_answer_names_seven_anchors_as_one_with_data_does() {
     let mut row = Row::new(None, 2, None, true);
     row.air.run_until(10.0);
-    row.send(77, Command::Identify(1));
+    row.send(77, TagCommand::Identify(1));
     row.air.run_until(12.0);
     let polls = row.air.sent.iter().filter_map(|flight| match Frame::parse(&flight.bytes).map(|frame| frame.message) {
         Ok(Message::Poll(Poll { data: Some(data), .. })) => data.answer().map(|answer| (data.number(), answer)),

@@ -1,9 +1,9 @@
 //! A host's messages to tags, as a station sends them: to every anchor with a cable, again until the tag answers.
 
 use baliza_report::percentile;
-use downlink::{Outcome, PendingMessages, Settled};
+use downlink::{MessageOutcome, PendingMessages, Settled};
 use wire::telemetry::TagAnswer;
-use wire::uwb::native::{Answer, Command, Downlink, UserData};
+use wire::uwb::native::{Answer, Downlink, TagCommand, UserData};
 
 use super::Scenario;
 
@@ -46,7 +46,7 @@ impl Sender {
         let Self { pending, plans, lost, .. } = self;
         for (tag, every_s, next_s, number) in plans.iter_mut().filter(|plan| plan.2 <= now_s) {
             *next_s += *every_s;
-            let taken = pending.send(*tag, Command::Data(&content(*number)), micros(now_s), LASTS_US);
+            let taken = pending.send(*tag, TagCommand::Data(&content(*number)), micros(now_s), LASTS_US);
             *lost += usize::from(taken.is_none());
             *number = number.wrapping_add(1);
         }
@@ -57,7 +57,7 @@ impl Sender {
     /// A gateway reports an answer.
     pub(super) fn answered(&mut self, told: &TagAnswer, now_s: f64) {
         match self.pending.answered(told.tag, told.number, told.answer(), micros(now_s)) {
-            Some(Settled { outcome: Outcome::Answered(Answer::Taken), took_us, .. }) => {
+            Some(Settled { outcome: MessageOutcome::Answered(Answer::Taken), took_us, .. }) => {
                 self.taken_s.push(took_us as f64 / 1e6);
             }
             Some(_) => self.lost += 1,

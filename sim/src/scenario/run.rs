@@ -200,7 +200,11 @@ impl Simulation {
             self.world.run_until(TrueTime::from_secs_f64(next_s));
             self.outlets.values().for_each(|outlet| outlet.drain());
             let due = self.log.borrow_mut().sender.due(next_s);
-            due.into_iter().for_each(|message| self.tell(message));
+            if let Some(message) = due {
+                // A tag's own cable is no way through the air.
+                let of_anchors = self.scenario.anchors.iter().filter_map(|anchor| self.outlets.get(&anchor.address));
+                of_anchors.for_each(|outlet| outlet.tell(message));
+            }
             let solved = self.log.borrow_mut().blinks.advance(next_s);
             for solved in solved {
                 if let Some(outlet) = self.outlets.get(&solved.tag) {

@@ -55,7 +55,8 @@ async fn send(
     Json(new): Json<NewMessage>,
 ) -> Result<Response, Problem> {
     let address = tag.as_str().strip_prefix("0x").and_then(|digits| u16::from_str_radix(digits, 16).ok());
-    let address = address.ok_or_else(|| Problem::missing(format_args!("tag {:?} with a short address", tag.as_str())))?;
+    let address =
+        address.ok_or_else(|| Problem::missing(format_args!("tag {:?} with a short address", tag.as_str())))?;
     if !(1..=86_400).contains(&new.lasts_s) {
         return Err(Problem::wrong("lasts_s is 1 to 86400"));
     }

@@ -6,19 +6,20 @@
 //! deletes what is old. So nothing that the store does holds up a report: while it fails, rows wait in the queue, which
 //! is bounded; the health of a minute in which it fails is not written.
 
+mod counts;
 mod devices;
 mod writer;
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::time::Duration;
 
-use serde::Serialize;
 use tokio::sync::{broadcast, mpsc, watch};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, timeout};
-use utoipa::ToSchema;
 
+pub use self::counts::HubCounts;
+use self::counts::{Counters, add};
 use self::devices::DeviceLocator;
 use self::writer::Queue;
 use crate::messages::Messages;
@@ -136,47 +137,6 @@ impl HubStore for NullStore {
     async fn retain(&self, _: Retention, _: Utc) -> store::Result<()> {
         Ok(())
     }
-}
-
-/// What the hub has done since its start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
-#[schema(as = Counts)]
-pub struct HubCounts {
-    /// Reports that were taken.
-    pub reports: u64,
-    /// Reports of these that were refused: their numbers cannot be measurements, or there are too many tags or nodes.
-    pub refused: u64,
-    /// Positions among the updates.
-    pub positions: u64,
-    /// Events among the updates.
-    pub events: u64,
-    /// Rows that the store has.
-    pub rows_written: u64,
-    /// Rows that wait for the store now.
-    pub backlog: u64,
-    /// Rows that were lost because the store failed for too long, or has no number for another tag.
-    pub dropped: u64,
-    /// Operations of the store that failed.
-    pub store_failures: u64,
-    /// Updates that slow listeners have missed.
-    pub missed: u64,
-}
-
-/// The counters behind [`HubCounts`].
-#[derive(Debug, Default)]
-struct Counters {
-    reports: AtomicU64,
-    positions: AtomicU64,
-    events: AtomicU64,
-    rows_written: AtomicU64,
-    store_failures: AtomicU64,
-    missed: AtomicU64,
-    /// The last write failed, or is late.
-    is_failing: AtomicBool,
-}
-
-fn add(counter: &AtomicU64, count: usize) {
-    counter.fetch_add(u64::try_from(count).unwrap_or(u64::MAX), Ordering::Relaxed);
 }
 
 /// The way into the station, for sources, and the way out, for listeners.

@@ -213,3 +213,56 @@ fn data_of_users_are_passed_on_too() {
     let summary = simulation.summary();
     assert!(summary.data_share > Some(0.97), "{summary:?}");
 }
+
+/// What became of the messages in four halls with one cable, where a host sends each of 20 tags one so often.
+fn messages(every_s: f64, keys: &str, seconds: f64) -> Summary {
+    let text = include_str!("../../../examples/halls.toml");
+    let text = text.replace("count = 30", &format!("count = 20\nmessages_every_s = {every_s}"));
+    let scenario = Scenario::parse(&(keys.to_owned() + &text)).expect("the example");
+    let mut simulation = Simulation::new(scenario);
+    simulation.run_until(seconds);
+    simulation.summary()
+}
+
+#[test]
+fn messages_of_a_host_reach_tags_in_all_halls_and_positions_arrive_meanwhile() {
+    for keys in ["", "[network]\nkey = \"8f3a11c20b6e4d57a9e0c1d2b3f40617\"\n"] {
+        // Two messages a second.
+        let summary = messages(10.0, keys, 100.0);
+        assert_eq!(summary.message_share, Some(1.0), "{keys}: {summary:?}");
+        // Half are answered in the second poll, 2 s after they were sent; a lost one is sent again after 3 s.
+        assert!(summary.message_p99_s < Some(6.0), "{keys}: {summary:?}");
+        assert!(summary.uplink_share > Some(0.97), "{keys}: {summary:?}");
+    }
+}
+
+#[test]
+fn tags_that_sleep_for_ten_seconds_get_their_messages() {
+    let text = include_str!("../../../examples/halls.toml").replace("rate_hz = 1", "rate_hz = 0.1\nsleep = true");
+    let text = text.replace("count = 30", "count = 20\nmessages_every_s = 120");
+    let mut simulation = Simulation::new(Scenario::parse(&text).expect("the example"));
+    simulation.run_until(500.0);
+    let summary = simulation.summary();
+    assert_eq!(summary.message_share, Some(1.0), "{summary:?}");
+    // A poll in which an anchor says that it has a message, and the next one with the answer: 20 s. Each may be lost, or
+    // asks anchors that do not have it.
+    assert!(summary.message_p99_s < Some(120.0), "{summary:?}");
+}
+
+#[test]
+fn a_message_reaches_a_sleeping_tag_on_chips_with_a_key_and_costs_it_little() {
+    let run = |messages: &str| {
+        let user = format!("path_m = {STAND}\n{messages}");
+        let text = hall("seconds = 120", 4, &[]) + &tag("rate_hz = 0.5\nsleep = true\ntell_position = true", &user);
+        let text = format!("[network]\nkey = \"8f3a11c20b6e4d57a9e0c1d2b3f40617\"\n{text}");
+        let mut simulation = Simulation::new(Scenario::parse(&text).expect("the test's scenario"));
+        simulation.run_until(120.0);
+        simulation.summary()
+    };
+    let (without, with) = (run(""), run("messages_every_s = 10"));
+    assert_eq!((without.message_share, with.message_share), (None, Some(1.0)), "{with:?}");
+    assert!(with.message_p99_s < Some(12.0) && with.slots_with_fix > Some(0.95), "{with:?}");
+    // For each message a sync frame, 0.7 ms of 60 mA: 42 µC, and the anchor's answers name it: in ten seconds some 5 µA.
+    let more_ma = with.tag_mean_current_ma.expect("chips") - without.tag_mean_current_ma.expect("chips");
+    assert!(more_ma < 0.02, "{more_ma} mA more");
+}

@@ -301,6 +301,12 @@ fn golden() -> Vec<(&'static str, Message, &'static str, &'static str)> {
             "{'type':'tag-data','t_s':12.3456,'tag':'0x1001','number':7,'age_s':0.0,'data':'646F6F722033'}",
         ),
         (
+            "tag-answer",
+            Message::TagAnswer(TagAnswer { t_us: 12_345_600, tag: 0x1001, number: 200, age_us: 250_000, code: 2 }),
+            "10 01 0D 80 C2 F1 05 81 20 C8 90 A1 0F 02 D6 65 00",
+            "{'type':'tag-answer','t_s':12.3456,'tag':'0x1001','number':200,'age_s':0.25,'answer':'needs-key'}",
+        ),
+        (
             "arrival of a blink",
             Message::Arrival(Arrival {
                 t_us: 12_345_600,

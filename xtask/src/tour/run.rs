@@ -149,11 +149,7 @@ fn see(exchanges: &mut Vec<Exchange>, event: &Event<'_>, action: &Action<'_>) {
         | Action::Sleep { .. }
         | Action::Compensate
         | Action::Report(
-            Report::Differences(_)
-            | Report::Polled(_)
-            | Report::Arrival(_)
-            | Report::Downlink(_)
-            | Report::Link(_),
+            Report::Differences(_) | Report::Polled(_) | Report::Arrival(_) | Report::Downlink(_) | Report::Link(_),
         ) => {}
     }
 }

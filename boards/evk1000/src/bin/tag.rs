@@ -51,8 +51,11 @@ async fn engine(tag: &'static Tag, panel: &'static SharedPanel) {
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let Board { uwb, switches, mut care, lcd, start, mut flash, ranging: above, .. } = Board::take();
-    let (role, awaiting) =
-        if switches.anchor { (telemetry::Role::Anchor, Awaiting::Poll) } else { (telemetry::Role::Tag, Awaiting::Response) };
+    let (role, awaiting) = if switches.anchor {
+        (telemetry::Role::Anchor, Awaiting::Poll)
+    } else {
+        (telemetry::Role::Tag, Awaiting::Response)
+    };
     care.leds.show_role(switches.anchor);
     let panel: &_ = PANEL.init_with(|| SharedPanel::new(Panel::new(awaiting)));
     spawner.spawn(display(lcd, panel).unwrap());

@@ -17,9 +17,7 @@ use anyhow::{Context, Result};
 use node_link::gateway_key::GatewayKey;
 use station_core::net::make_room;
 use station_core::{ReportKind, SourceReport, Utc};
-use wire::datagram::{
-    Datagram, Envelope, MAX_DATAGRAM, MAX_NUMBERS, Receipt, Received, Secret, ToNode, parse, sealed,
-};
+use wire::datagram::{Datagram, Envelope, MAX_DATAGRAM, MAX_NUMBERS, Receipt, Received, Secret, ToNode, parse, sealed};
 use wire::telemetry::{Decoder, Message};
 
 use self::taken::TakenNumbers;

@@ -195,6 +195,30 @@ fn a_simulation_is_on_the_map_and_its_history_survives_a_restart() {
 }
 
 #[test]
+fn messages_reach_a_simulated_tag_and_its_answers_come_back() {
+    let folder = Folder::with(&[]);
+    let station = Station::start(&folder, "--simulate");
+    let tags = station.wait("/api/v1/tags", |tags| tags.as_array().is_some_and(|tags| !tags.is_empty()));
+    let path = format!("/api/v1/tags/{}/messages", tags[0]["tag"].as_str().expect("an address"));
+    // The light; data that no program takes; a rate, which a tag's own host may ask for.
+    for content in [r#"{"identify_s": 30}"#, r#"{"data": "6F6B"}"#, r#"{"rate_hz": 2}"#] {
+        station.send("POST", &path, &format!(r#"{{"content": {content}}}"#));
+    }
+    let is_over =
+        |messages: &Value| messages.as_array().is_some_and(|all| all.iter().all(|of| of["state"] != "waiting"));
+    let messages = station.wait(&path, is_over);
+    let states: Vec<_> = messages.as_array().expect("a list").iter().map(|of| of["state"].as_str()).collect();
+    assert_eq!(states, [Some("taken"), Some("unknown"), Some("taken")], "{messages}");
+    assert_eq!(messages[2]["content"]["identify_s"], 30);
+    // A tag that is not there.
+    station.send("POST", "/api/v1/tags/0x7777/messages", r#"{"content": {"identify_s": 1}, "lasts_s": 600}"#);
+    let waiting = station.json("/api/v1/tags/0x7777/messages");
+    assert_eq!(waiting[0]["state"], "waiting");
+    station.send("DELETE", &format!("/api/v1/tags/0x7777/messages/{}", waiting[0]["id"]), "");
+    assert_eq!(station.json("/api/v1/tags/0x7777/messages")[0]["state"], "withdrawn");
+}
+
+#[test]
 fn what_was_read_from_the_api_survives_a_kill() {
     let folder = Folder::with(&[]);
     let path = "/api/v1/tags/0x1001/positions?site=simulation&limit=10000";

@@ -14,6 +14,9 @@ use firmware_gateway::{DatagramSocket, Gateway, GatewayIdentity};
 use station_core::Utc;
 use wire::config::wifi_of;
 use wire::datagram::MAX_DATAGRAM;
+use wire::telemetry::{MAX_FRAME, TagAnswer, encode};
+use wire::to_node::FrameReader;
+use wire::uwb::native::Answer;
 
 use crate::forward::{LossyNetwork, datagrams};
 use crate::serve::Station;
@@ -96,10 +99,19 @@ impl Node {
             (message.expect("a frame").t_us(), frame)
         });
         let mut next = frames.next();
+        let mut messages = FrameReader::new();
         while !self.is_over.load(Ordering::Relaxed) {
             while let Some((_, frame)) = next.filter(|(t_us, _)| *t_us <= clock()) {
                 gateway.borrow_mut().write(frame, clock());
                 next = frames.next();
+            }
+            let mut byte = [0];
+            while gateway.borrow_mut().read(&mut byte) > 0 {
+                // As the tag at whose anchor this is would answer.
+                let Some(message) = messages.feed(byte[0]) else { continue };
+                let (t_us, number, code) = (clock(), message.data.number(), Answer::Taken as u8);
+                let answer = TagAnswer { t_us, tag: message.tag, number, age_us: 0, code };
+                gateway.borrow_mut().write(encode(&answer.into(), &mut [0; MAX_FRAME]), clock());
             }
             let polled = task.as_mut().poll(&mut Context::from_waker(Waker::noop()));
             assert!(polled.is_pending(), "the station was silent for half a minute");
@@ -144,6 +156,9 @@ fn telemetry_of_a_provisioned_node_arrives_over_a_bad_network_and_a_kill() {
         let station = Station::start(&folder, "--store tags.db --gateways gateways.toml udp:127.0.0.1:0");
         network.lead_to(datagrams(&station));
         wait("all is taken", || node.is_done.load(Ordering::Relaxed) && node.is_read.load(Ordering::Relaxed));
+        let messages = "/api/v1/tags/0x1002/messages";
+        station.send("POST", messages, r#"{"content": {"identify_s": 9}}"#);
+        station.wait(messages, |messages| messages[0]["state"] == "taken");
         drop(over);
         station
     });

@@ -585,7 +585,11 @@ impl Air {
             What::Round { ranges, .. } if report.node == node && report.time >= from => {
                 Some((report.time, ranges.clone()))
             }
-            What::Round { .. } | What::Differences { .. } | What::Arrival(_) | What::Downlink { .. } | What::Link(_) => None,
+            What::Round { .. }
+            | What::Differences { .. }
+            | What::Arrival(_)
+            | What::Downlink { .. }
+            | What::Link(_) => None,
         };
         self.reports.iter().filter_map(of).collect()
     }
@@ -596,7 +600,11 @@ impl Air {
             What::Differences { reference, differences } if report.node == node && report.time >= from => {
                 Some((*reference, differences.clone()))
             }
-            What::Differences { .. } | What::Round { .. } | What::Arrival(_) | What::Downlink { .. } | What::Link(_) => None,
+            What::Differences { .. }
+            | What::Round { .. }
+            | What::Arrival(_)
+            | What::Downlink { .. }
+            | What::Link(_) => None,
         };
         self.reports.iter().filter_map(of).collect()
     }
@@ -610,7 +618,11 @@ impl Air {
     pub fn links(&self, node: usize) -> Vec<(f64, Link)> {
         let of = |report: &Reported| match report.what {
             What::Link(link) if report.node == node => Some((report.time, link)),
-            What::Link(_) | What::Arrival(_) | What::Downlink { .. } | What::Round { .. } | What::Differences { .. } => None,
+            What::Link(_)
+            | What::Arrival(_)
+            | What::Downlink { .. }
+            | What::Round { .. }
+            | What::Differences { .. } => None,
         };
         self.reports.iter().filter_map(of).collect()
     }

@@ -21,7 +21,7 @@ pub struct Downlink {
 /// What a message says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Command<'d> {
+pub enum TagCommand<'d> {
     /// Up to [`UserData::MOST`] bytes for the tag's program, at least one.
     Data(&'d [u8]),
     /// The tag shows where it is, by its light, for this many seconds.
@@ -59,11 +59,11 @@ impl Downlink {
     const RATE: u8 = 2;
 
     /// A message with this number, before a gateway sends it; `None` for no bytes, or more than [`UserData::MOST`].
-    pub fn new(tag: u16, number: u8, command: Command<'_>) -> Option<Self> {
+    pub fn new(tag: u16, number: u8, command: TagCommand<'_>) -> Option<Self> {
         let (kind, data) = match command {
-            Command::Data(bytes) => (Self::DATA, UserData::new(number, bytes)?),
-            Command::Identify(seconds) => (Self::IDENTIFY, UserData::new(number, &[seconds])?),
-            Command::Rate(chz) => (Self::RATE, UserData::new(number, &chz.to_le_bytes())?),
+            TagCommand::Data(bytes) => (Self::DATA, UserData::new(number, bytes)?),
+            TagCommand::Identify(seconds) => (Self::IDENTIFY, UserData::new(number, &[seconds])?),
+            TagCommand::Rate(chz) => (Self::RATE, UserData::new(number, &chz.to_le_bytes())?),
         };
         Some(Self { tag, gateway: 0, left: 0, kind, data })
     }
@@ -74,11 +74,11 @@ impl Downlink {
     }
 
     /// What it says; `None` of a kind that this build does not know.
-    pub fn command(&self) -> Option<Command<'_>> {
+    pub fn command(&self) -> Option<TagCommand<'_>> {
         match (self.kind, self.data.bytes()) {
-            (Self::DATA, bytes) => Some(Command::Data(bytes)),
-            (Self::IDENTIFY, [seconds]) => Some(Command::Identify(*seconds)),
-            (Self::RATE, bytes) => bytes.try_into().ok().map(|chz| Command::Rate(u32::from_le_bytes(chz))),
+            (Self::DATA, bytes) => Some(TagCommand::Data(bytes)),
+            (Self::IDENTIFY, [seconds]) => Some(TagCommand::Identify(*seconds)),
+            (Self::RATE, bytes) => bytes.try_into().ok().map(|chz| TagCommand::Rate(u32::from_le_bytes(chz))),
             _ => None,
         }
     }
@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn a_message_comes_back_as_it_was_and_one_of_a_newer_build_is_unknown() {
-        for command in [Command::Data(b"door 3"), Command::Identify(30), Command::Rate(1_000)] {
+        for command in [TagCommand::Data(b"door 3"), TagCommand::Identify(30), TagCommand::Rate(1_000)] {
             let message = Downlink::new(7, 200, command).expect("it fits");
             let Downlink { tag, data, .. } = message;
             assert_eq!((tag, data.number(), message.command()), (7, 200, Some(command)));
@@ -115,9 +115,9 @@ mod tests {
             assert_eq!(Relayed::from(sent).downlink(), Some(sent));
             assert_eq!(Downlink { kind: 15, ..message }.command(), None);
         }
-        assert_eq!(Downlink::new(7, 0, Command::Data(&[])), None);
-        assert_eq!(Downlink::new(7, 0, Command::Data(&[1; UserData::MOST + 1])), None);
-        let identify = Downlink::new(7, 0, Command::Identify(1)).expect("it fits");
+        assert_eq!(Downlink::new(7, 0, TagCommand::Data(&[])), None);
+        assert_eq!(Downlink::new(7, 0, TagCommand::Data(&[1; UserData::MOST + 1])), None);
+        let identify = Downlink::new(7, 0, TagCommand::Identify(1)).expect("it fits");
         assert_eq!(Downlink { kind: Downlink::RATE, ..identify }.command(), None, "a byte is no rate");
         assert_eq!([0, 1, 2, 3, 9].map(Answer::from_code)[3..], [Answer::Full, Answer::Unknown]);
     }

@@ -17,7 +17,7 @@ use super::{Address, BROADCAST, FrameBuffer, FrameError, Header, Reader};
 use integrity::AUTHENTICATED;
 use radio::{RadioDuration, RadioInstant};
 
-pub use downlink::{Answer, Command, Downlink};
+pub use downlink::{Answer, Downlink, TagCommand};
 pub use integrity::{CODE_BYTES, IntegrityCode, Nonce, integrity_code, software_code, split_code};
 pub use lease::{Confirmation, Grant, Lease, LeasedPoll, MAX_BLINKS, Period, Turn, Turns};
 pub use poll::{Asked, Poll};
@@ -537,7 +537,8 @@ mod tests {
     #[test]
     fn golden_message_to_a_tag_and_its_answer() {
         // For 6000 superframes, 0x1770, by gateway 0x0A0B; 30 seconds of light.
-        let message = Downlink { gateway: 0x0A0B, left: 6000, ..Downlink::new(0x0809, 200, Command::Identify(30)).unwrap() };
+        let message =
+            Downlink { gateway: 0x0A0B, left: 6000, ..Downlink::new(0x0809, 200, TagCommand::Identify(30)).unwrap() };
         let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
         golden.extend(0x10..0x20);
         golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);

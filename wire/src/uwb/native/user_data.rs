@@ -60,8 +60,7 @@ impl UserData {
 
     pub(super) fn parse(reader: &mut Reader<'_>) -> Result<Self, FrameError> {
         let [number, length] = reader.take()?;
-        let (data, rest) =
-            reader.0.split_at_checked((length & !IS_ANSWER).into()).ok_or(FrameError::Truncated)?;
+        let (data, rest) = reader.0.split_at_checked((length & !IS_ANSWER).into()).ok_or(FrameError::Truncated)?;
         reader.0 = rest;
         let data = Self::new(number, data).ok_or(FrameError::Field)?;
         Ok(Self { is_answer: length & IS_ANSWER != 0, ..data })
