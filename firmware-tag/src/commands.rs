@@ -69,11 +69,7 @@ mod tests {
 
     impl Node {
         fn new() -> Self {
-            Self {
-                channels: TaskChannels::new(),
-                reporter: Reporter::new(|| 5_000_000),
-                commands: Commands::default(),
-            }
+            Self { channels: TaskChannels::new(), reporter: Reporter::new(|| 5_000_000), commands: Commands::default() }
         }
 
         /// Gives the tag a message. Returns its answer, which two polls carry.
@@ -97,8 +93,10 @@ mod tests {
     fn the_light_shows_where_the_tag_is_for_as_long_as_asked() {
         let mut node = Node::new();
         assert_eq!(node.tell(1, TagCommand::Identify(30), false), Answer::Taken);
-        let flashes = |t_us: u64| (0..20).any(|look| !node.reporter.event_log.lit(t_us + 50_000 * look).state)
-            && (0..20).filter(|look| node.reporter.event_log.lit(t_us + 50_000 * look).state).count() == 10;
+        let flashes = |t_us: u64| {
+            (0..20).any(|look| !node.reporter.event_log.lit(t_us + 50_000 * look).state)
+                && (0..20).filter(|look| node.reporter.event_log.lit(t_us + 50_000 * look).state).count() == 10
+        };
         assert!(flashes(5_000_000) && flashes(33_000_000) && !flashes(35_000_000));
     }
 

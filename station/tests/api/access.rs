@@ -40,8 +40,8 @@ async fn no_route_answers_a_role_that_is_too_low() {
             assert_eq!(as_role(&station, "head", &path, None).await, 401, "head {path}");
         }
     }
-    // Eight routes for `operate` refuse one role, seven for `administer` two.
-    assert_eq!(refused, 8 + 7 * 2);
+    // Ten routes for `operate` refuse one role, seven for `administer` two.
+    assert_eq!(refused, 10 + 7 * 2);
 }
 
 #[tokio::test]

@@ -7,7 +7,7 @@ use station_core::api::openapi;
 use crate::api::client::open;
 
 /// The routes of the API's table, each with the least role that may use it; `-` is everyone.
-pub const ROUTES: [(&str, &str, &str); 42] = [
+pub const ROUTES: [(&str, &str, &str); 45] = [
     ("get", "/", "-"),
     ("get", "/openapi.json", "-"),
     ("get", "/healthz", "-"),
@@ -27,6 +27,9 @@ pub const ROUTES: [(&str, &str, &str); 42] = [
     ("get", "/api/v1/tags", "view"),
     ("get", "/api/v1/tags/{tag}/positions", "view"),
     ("get", "/api/v1/tags/{tag}/positions.gpx", "view"),
+    ("get", "/api/v1/tags/{tag}/messages", "view"),
+    ("post", "/api/v1/tags/{tag}/messages", "operate"),
+    ("delete", "/api/v1/tags/{tag}/messages/{id}", "operate"),
     ("get", "/api/v1/positions", "view"),
     ("get", "/api/v1/nodes", "view"),
     ("get", "/api/v1/nodes/{site}/{node}/health", "view"),

@@ -117,6 +117,37 @@ async fn tags_have_their_last_position_and_their_history_newest_first_in_pages()
 }
 
 #[tokio::test]
+async fn a_message_to_a_tag_is_taken_listed_and_withdrawn() {
+    let station = open().await;
+    let path = "/api/v1/tags/0x1001/messages";
+    let sent = station.json(Method::POST, path, &json!({"content": {"rate_hz": 2.5}, "lasts_s": 3600})).await;
+    assert_eq!((sent.status.as_u16(), sent.header(header::LOCATION)), (201, "/api/v1/tags/0x1001/messages/0"));
+    assert_eq!(keys(&sent.json()), ["id", "tag", "content", "asked", "state", "settled"]);
+    let listed = station.get(path).await.json();
+    assert_eq!((&listed[0], &listed[0]["state"]), (&sent.json(), &json!("waiting")));
+    for (path, body, status) in [
+        ("/api/v1/tags/somebody/messages", json!({"content": {"identify_s": 1}}), 404),
+        (path, json!({"content": {"identify_s": 0}}), 422),
+        (path, json!({"content": {"identify_s": 1, "rate_hz": 1}}), 400),
+        (path, json!({"content": {"data": "5"}}), 422),
+        (path, json!({"content": {"data": "55"}, "lasts_s": 0}), 422),
+        (path, json!({"content": {"open": "door"}}), 422),
+    ] {
+        station.json(Method::POST, path, &body).await.is_problem(status);
+    }
+    // Sixteen wait for a tag at most.
+    for _ in 1..16 {
+        assert_eq!(station.json(Method::POST, path, &json!({"content": {"data": "55"}})).await.status, 201);
+    }
+    station.json(Method::POST, path, &json!({"content": {"data": "55"}})).await.is_problem(409);
+    let withdraw = |path: String| station.send(station.request(Method::DELETE, &path));
+    assert_eq!(withdraw(format!("{path}/0")).await.status, 204);
+    withdraw(format!("{path}/0")).await.is_problem(404);
+    withdraw("/api/v1/tags/0x1002/messages/1".into()).await.is_problem(404);
+    assert_eq!(station.get(path).await.json()[15]["state"], "withdrawn");
+}
+
+#[tokio::test]
 async fn a_history_is_a_track_on_the_earth_where_the_site_has_a_geographic_origin() {
     let station = open().await;
     for y_m in [0.0, 500.0, 1000.0] {

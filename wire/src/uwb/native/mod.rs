@@ -560,7 +560,11 @@ mod tests {
             reply: RadioDuration::ZERO,
             last_final: None,
         };
-        round_trip(Message::Response(response), &[0x31, 1, 0x82, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+        let mut out = FrameBuffer::new();
+        let message = Message::Response(response);
+        Frame { sequence: 0, pan: 0, destination: 0, source: 0, message: message.clone() }.emit(&mut out);
+        assert_eq!(out.bytes().get(9..), Some(&[0x31, 1, 0x82, 0, 0, 0, 0, 0, 0, 0, 0, 0][..]));
+        assert_eq!(Frame::parse(out.bytes()).map(|frame| frame.message), Ok(message));
     }
 
     #[test]
