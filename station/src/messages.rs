@@ -143,10 +143,9 @@ impl std::fmt::Debug for Messages {
 }
 
 impl Messages {
-    /// None. The first number of each tag's messages is drawn: a tag knows the numbers of the last ones.
+    /// None.
     pub(crate) fn new() -> Self {
-        // Without random numbers it is the time's.
-        let first = getrandom::u32().unwrap_or_else(|_| Utc::now().us() as u32) as u8;
+        let first = Utc::now().us().unsigned_abs() / 1_000_000;
         let book = Book { pending: PendingMessages::new(first), known: VecDeque::new() };
         Self(Arc::new(Shared { book: Mutex::new(book), due: broadcast::channel(BEHIND).0, begun: Instant::now() }))
     }

@@ -64,10 +64,11 @@ pub struct PendingMessages {
 }
 
 impl PendingMessages {
-    /// None. The first message to each tag has the number `first`: another one in each run of a host, as a tag knows the
-    /// numbers of the last messages.
-    pub fn new(first: u8) -> Self {
-        Self { first_number: first, ..Self::default() }
+    /// None. A tag knows the numbers of the last messages for as long as anchors keep these, ten minutes: the first
+    /// number follows from the time, seconds since 1970, and comes again after 17 minutes. So a host that starts again begins
+    /// with one that it has not used lately, if it sends a tag a message in four seconds at most.
+    pub fn new(unix_s: u64) -> Self {
+        Self { first_number: (unix_s / 4) as u8, ..Self::default() }
     }
 
     /// Takes a message that is of use for `lasts_us`. Returns its number in this host; `None` if it cannot be sent, or too
@@ -177,7 +178,7 @@ mod tests {
 
     #[test]
     fn what_is_not_answered_is_sent_again_after_twice_the_time() {
-        let mut pending = PendingMessages::new(250);
+        let mut pending = PendingMessages::new(4 * 250);
         let id = pending.send(7, TagCommand::Identify(9), 0, LONG).expect("it fits");
         // 3, 6, 12 … seconds after each other, at last a minute.
         let expected = [0, 3, 9, 21, 45, 93, 153, 213].map(|at| (at as f64, 7, 250));
@@ -192,7 +193,7 @@ mod tests {
 
     #[test]
     fn a_tag_gets_one_message_at_a_time_and_others_get_theirs_meanwhile() {
-        let mut pending = PendingMessages::new(255);
+        let mut pending = PendingMessages::new(4 * 255);
         for tag in [7, 8] {
             (0..2).for_each(|s| assert!(pending.send(tag, TagCommand::Identify(s), 0, LONG).is_some()));
         }

@@ -135,7 +135,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         session.record(recorder);
     }
     let view = arguments.foxglove.as_ref().map(LiveView::listen).transpose()?;
-    let telling = arguments.tell.telling().context("the system has no random numbers")?;
+    let telling = arguments.tell.telling();
     let mut screen = Screen { view, telling, ..Screen::new(arguments, names, live) };
     let begun = Instant::now();
     let listened =

@@ -1,6 +1,6 @@
 //! `baliza monitor --tell`: a message to a tag, by way of the node that is listened to.
 
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use downlink::{MessageOutcome, PendingMessages};
 use recording::UserError;
@@ -69,20 +69,18 @@ pub struct Telling {
 }
 
 impl TellArguments {
-    /// The message, if there is one. Its number is drawn.
-    ///
-    /// # Errors
-    /// The system has no random numbers.
-    pub fn telling(&self) -> Result<Option<Telling>, getrandom::Error> {
-        let Some(tag) = self.tell else { return Ok(None) };
+    /// The message, if there is one.
+    pub fn telling(&self) -> Option<Telling> {
+        let tag = self.tell?;
         let command = match (self.identify, self.rate, &self.data) {
             (Some(seconds), ..) => TagCommand::Identify(seconds),
             (None, Some(chz), _) => TagCommand::Rate(chz),
             (None, None, data) => TagCommand::Data(data.as_ref().map_or(&[], |Bytes(bytes)| bytes)),
         };
-        let mut pending = PendingMessages::new(getrandom::u32()? as u8);
+        let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+        let mut pending = PendingMessages::new(now_s);
         let is_sent = pending.send(tag, command, 0, micros(LASTS)).is_some();
-        Ok(is_sent.then_some(Telling { tag, pending, frame: None, answer: None }))
+        is_sent.then_some(Telling { tag, pending, frame: None, answer: None })
     }
 }
 
@@ -146,11 +144,7 @@ mod tests {
         );
         let matches = command.try_get_matches_from([&["monitor"], arguments].concat());
         let matches = matches.unwrap_or_else(|error| panic!("{}", error.kind() == ErrorKind::DisplayHelp));
-        TellArguments::from_arg_matches(&matches)
-            .expect("right arguments")
-            .telling()
-            .expect("random")
-            .expect("a message")
+        TellArguments::from_arg_matches(&matches).expect("right arguments").telling().expect("a message")
     }
 
     #[test]

@@ -198,6 +198,25 @@ mod tests {
     }
 
     #[test]
+    fn the_anchor_with_a_message_is_listened_to_until_it_comes_three_times_at_most() {
+        let mut watch = watch(4);
+        let one = |listening| if let Listening::One(anchor) = listening { Some(anchor.address) } else { None };
+        watch.expect(12);
+        // Also in superframes in which nothing else is due.
+        assert_eq!((one(watch.plan(1, 1)), one(watch.plan(1, 1))), (Some(12), Some(12)), "asked again");
+        watch.receive(11, 1);
+        assert_eq!((one(watch.plan(2, 1)), watch.expects_message()), (Some(12), true));
+        watch.receive(12, 2);
+        assert_eq!((watch.plan(3, 1), watch.expects_message()), (Listening::Nothing, false));
+        watch.expect(12);
+        assert_eq!([4, 5, 6].map(|superframe| one(watch.plan(superframe, 1))), [Some(12); 3]);
+        assert_eq!((watch.plan(7, 1), watch.expects_message()), (Listening::Nothing, false));
+        // An anchor whose slot is not known.
+        watch.expect(99);
+        assert_eq!((watch.plan(8, 1), watch.expects_message()), (Listening::Nothing, false));
+    }
+
+    #[test]
     fn who_does_not_come_seven_times_is_given_up() {
         let mut watch = watch(4);
         (0..6).for_each(|_| watch.missed(11));

@@ -4,6 +4,7 @@ use firmware_gateway::{Gateway, GatewayIdentity};
 use wire::ble::{Advertised, EddystoneUid, Fresh, IBeacon, RotatingId};
 use wire::datagram::{self, Datagram, Envelope, MAX_DATAGRAM, Receipt};
 use wire::telemetry::{Decoder, Hello, MAX_FRAME, Message, Role};
+use wire::to_node::{self, FrameReader};
 use wire::uwb::native::Message as Native;
 use wire::uwb::{FrameBuffer, decaranging, native};
 
@@ -119,14 +120,18 @@ pub fn advertisement_seeds() -> Vec<Vec<u8>> {
     vec![ibeacon.emit().to_vec(), uid.emit().to_vec()]
 }
 
-/// The first byte decides whether the rest is a stream, or bodies of frames.
+/// The first byte decides whether the rest is a stream, or bodies of frames. Messages to nodes are framed alike.
 pub fn telemetry(input: &[u8]) {
     let Some((mode, rest)) = input.split_first() else { return };
-    let mut decoder = Decoder::new();
+    let (mut decoder, mut messages, mut frame) = (Decoder::new(), FrameReader::new(), [0; to_node::MAX_FRAME]);
     let stream = if mode & 1 == 0 { rest.to_vec() } else { framed(rest) };
     for byte in stream {
         if let Some(Ok(message)) = decoder.feed(byte) {
             same_again(&message);
+        }
+        if let Some(message) = messages.feed(byte) {
+            let encoded = to_node::encode(&message, &mut frame);
+            assert_eq!(encoded.iter().filter_map(|byte| messages.feed(*byte)).last(), Some(message));
         }
     }
     let _ = (decoder.counts(), decoder.pending());
