@@ -264,7 +264,7 @@ mod tests {
         messages.look();
         let due = source.try_recv().expect("it is due");
         assert_eq!((due.tag, due.command()), (0x1001, Some(TagCommand::Identify(30))));
-        assert_eq!(messages.to("0x1001"), [message.clone()]);
+        assert_eq!(messages.to("0x1001"), std::slice::from_ref(&message));
         messages.answered(0x1001, due.data.number(), Answer::Taken);
         let [settled] = &messages.to("0x1001")[..] else { panic!("one message") };
         assert_eq!((settled.id, settled.state, settled.settled.is_some()), (message.id, MessageState::Taken, true));

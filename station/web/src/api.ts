@@ -13,6 +13,7 @@ import type {
   Site,
   StationEvent,
   Tag,
+  TagMessage,
   TagPosition,
   Wall,
   Zone,
@@ -119,6 +120,12 @@ export const api = {
     get<TagPosition[]>(`/api/v1/tags/${part(tag)}/positions`, { site, from, to, limit }),
   trackUrl: (site: string, tag: string, from: string, to: string, limit: number) =>
     withQuery(`/api/v1/tags/${part(tag)}/positions.gpx`, { site, from, to, limit }),
+
+  identify: async (tag: string, seconds: number) => {
+    const content = { identify_s: seconds };
+    return (await (await send('POST', `/api/v1/tags/${part(tag)}/messages`, { content })).json()) as TagMessage;
+  },
+  messages: (tag: string) => get<TagMessage[]>(`/api/v1/tags/${part(tag)}/messages`),
 
   campaigns: () => get<Campaign[]>('/campaigns'),
   createCampaign: (campaign: { name: string; scenario: string; points: Omit<CampaignPoint, 'samples'>[] }) =>

@@ -17,6 +17,7 @@ export type {
   Plan,
   Site,
   Tag,
+  TagMessage,
   TagPosition,
   UserRole as Access,
   WallLine as Wall,

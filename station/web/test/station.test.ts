@@ -62,6 +62,18 @@ describe('with a station', { skip: !isPossible }, () => {
     await page.getByText('No tag matches.').waitFor();
   });
 
+  test('a tag flashes its light when asked, and the page says so', async (t) => {
+    const page = await open(t);
+    await live(page);
+    assert.equal(await page.locator('#identify').isVisible(), false, 'no tag is chosen');
+    await rows(page).first().click();
+    await page.click('#identify');
+    await page.getByText(/flashes its light for 30 s/).waitFor();
+    const address = await rows(page).first().getAttribute('data-tag');
+    const messages = await get<{ state: string; content: unknown }[]>(url, `/api/v1/tags/${address}/messages`);
+    assert.deepEqual([messages[0].state, messages[0].content], ['taken', { identify_s: 30 }]);
+  });
+
   test('the list and the map are used with the keyboard', async (t) => {
     const page = await open(t);
     await live(page);

@@ -1,13 +1,18 @@
 // The tags: list with search, whose choice centres the map, and the same as a table for who cannot see the map.
 
-import type { App, Panel } from '../app.js';
-import { empty, h, setText } from '../dom.js';
+import { api } from '../api.js';
+import { attempt, type App, type Panel } from '../app.js';
+import { button, empty, h, setText } from '../dom.js';
 import { inOrder, number, supply, t, time } from '../i18n.js';
 import { colourOf } from '../map/draw.js';
 import { otherPlace } from '../map/motion.js';
-import type { Tag, TagPosition } from '../model.js';
+import type { Tag, TagMessage, TagPosition } from '../model.js';
 
 const EVERY_MS = 1000;
+/// How long a tag's light flashes.
+const FLASHES_S = 30;
+/// How often the station is asked whether the tag has answered.
+const LOOKS = 10;
 
 interface Row {
   item: HTMLElement;
@@ -26,6 +31,24 @@ function doubtOf(position: TagPosition): string {
   const other = otherPlace(position);
   if (other !== null) return ` · ${t('tags.ambiguous', { x: number(other.x, 2), y: number(other.y, 2) })}`;
   return position.doubt === null ? '' : ` · ${t('tags.suspect')}`;
+}
+
+/// Lets a tag flash its light, and says what became of that.
+async function identify(app: App, tag: string): Promise<void> {
+  const named = app.store.tags.get(tag)?.name ?? tag;
+  const told: Pick<TagMessage, 'state'> = { state: 'waiting' };
+  const ask = async () => {
+    const { id } = await api.identify(tag, FLASHES_S);
+    for (let look = 0; look < LOOKS && told.state === 'waiting'; look++) {
+      await new Promise((resolve) => setTimeout(resolve, EVERY_MS));
+      told.state = (await api.messages(tag)).find((one) => one.id === id)?.state ?? 'expired';
+    }
+  };
+  if (!(await attempt(app, ask))) return;
+  const { state } = told;
+  if (state === 'taken') app.toasts.show(t('tags.flashes', { tag: named, seconds: FLASHES_S }), 'good');
+  else if (state === 'waiting') app.toasts.show(t('tags.asleep', { tag: named }));
+  else app.toasts.show(t('tags.refuses', { tag: named, state }), 'bad');
 }
 
 export function tagsPanel(app: App): Panel {
@@ -62,7 +85,11 @@ export function tagsPanel(app: App): Panel {
       h('table', {}, h('thead', {}, head), body),
     ),
   );
-  const element = h('div', {}, search, count, none, noMatch, list, table);
+  const flash = button('tags.identify', () => {
+    if (store.selected !== null) void identify(app, store.selected);
+  });
+  flash.id = 'identify';
+  const element = h('div', {}, search, count, none, noMatch, list, flash, table);
   let shown = true;
 
   function matching(): Tag[] {
@@ -109,6 +136,8 @@ export function tagsPanel(app: App): Panel {
     noMatch.hidden = tags.length > 0 || store.tags.size === 0;
     list.hidden = tags.length === 0;
     table.hidden = tags.length === 0;
+    // Phones and other devices that receivers locate have no address, and take no messages.
+    flash.hidden = store.past || store.selected === null || !/^0x[0-9a-f]{4}$/i.test(store.selected);
     setText(count, t('tags.count', { shown: tags.length, all: store.tags.size }));
     const items = tags.map((tag) => {
       const row = rowOf(tag);
