@@ -48,6 +48,8 @@ impl Commands {
             self.known[0] = id;
         }
         channels.answer(message.data.number(), answer);
+        // For a host at the tag's own cable.
+        sink.answered(message, answer);
     }
 }
 
@@ -58,6 +60,7 @@ mod tests {
     use embassy_sync::blocking_mutex::raw::NoopRawMutex;
     use firmware_common::Reporter;
     use std::vec::Vec;
+    use wire::telemetry::TagAnswer;
     use wire::uwb::native::Downlink;
 
     /// A tag five seconds after its start.
@@ -85,7 +88,15 @@ mod tests {
                 .collect();
             assert!(polls.iter().all(|data| data.number() == message.data.number()));
             assert_eq!(self.channels.data(Some(polls[1].id())), None, "it was carried twice");
-            polls[1].answer().expect("an answer")
+            let answer = polls[1].answer().expect("an answer");
+            let mut told = Vec::new();
+            self.reporter.event_log.drain(|frame| {
+                told.push(wire::telemetry::decode(frame).expect("a frame"));
+                true
+            });
+            let (tag, number, code) = (message.tag, message.data.number(), answer as u8);
+            assert_eq!(told, [TagAnswer { t_us: 5_000_000, tag, number, age_us: 0, code }.into()]);
+            answer
         }
     }
 

@@ -40,7 +40,7 @@ use ranging::node::Listener;
 use ranging::radio::Sensors;
 use ranging::{Radio, RadioDuration, RadioInstant, Restart};
 use wire::telemetry::{Condition, MotionSensor, Sighting};
-use wire::uwb::native::{Downlink, PolledPosition, UserData};
+use wire::uwb::native::{Answer, Downlink, PolledPosition, UserData};
 
 use channels::Quiet;
 use commands::Commands;
@@ -123,6 +123,9 @@ pub trait Sink {
 
     /// A person looks for this tag until this time, microseconds since the node started.
     fn identify(&self, until_us: u64);
+
+    /// The tag has answered a host's message.
+    fn answered(&self, message: &Downlink, answer: Answer);
 }
 
 /// Sees what a tag reports, before it is reported. Examples: a display, a simulation that accounts for the

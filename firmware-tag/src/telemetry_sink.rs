@@ -6,8 +6,8 @@ use firmware_common::messages::{difference_messages, range_message};
 use ranging::exchange::{Event, Link};
 use ranging::radio::Sensors;
 use wire::config::Solver;
-use wire::telemetry::{Condition, Doubt, Fix, MotionSensor, Outcome, Sighting};
-use wire::uwb::native::Downlink;
+use wire::telemetry::{Condition, Doubt, Fix, MotionSensor, Outcome, Sighting, TagAnswer};
+use wire::uwb::native::{Answer, Downlink};
 
 use crate::{Measured, Observer, Position, RoomReport, RoundOutcome, Sink, Task};
 
@@ -139,6 +139,11 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64, O: Observer> Sink for Tele
 
     fn identify(&self, until_us: u64) {
         self.reporter.event_log.identify(until_us);
+    }
+
+    fn answered(&self, message: &Downlink, answer: Answer) {
+        let (tag, number, code) = (message.tag, message.data.number(), answer as u8);
+        self.reporter.event_log.send(TagAnswer { t_us: self.now_us(), tag, number, age_us: 0, code });
     }
 
     fn scanner_restarted(&self, times: u32) {

@@ -89,7 +89,10 @@ impl PendingMessages {
     /// Gives a message up. Gateways that have it still pass it on.
     pub fn withdraw(&mut self, id: u64) -> bool {
         let before = self.len();
-        self.tags.values_mut().for_each(|of_tag| of_tag.retain(|pending| pending.id != id));
+        self.tags.retain(|_, of_tag| {
+            of_tag.retain(|pending| pending.id != id);
+            !of_tag.is_empty()
+        });
         before > self.len()
     }
 
@@ -223,6 +226,9 @@ mod tests {
         assert_eq!(pending.send(7, TagCommand::Identify(1), 0, SECOND), None);
         assert_eq!(pending.send(8, TagCommand::Data(&[]), 0, SECOND), None, "no bytes");
         assert!(pending.withdraw(3) && !pending.withdraw(3));
+        let alone = pending.send(9, TagCommand::Identify(1), 0, LONG).expect("it fits");
+        assert!(pending.withdraw(alone));
+        assert_eq!((pending.overdue(), pending.len()), (MOST_WAITING - 2, MOST_WAITING - 1));
         assert_eq!(pending.expired(SECOND - 1), []);
         let expired = pending.expired(SECOND);
         assert_eq!((expired.len(), pending.len()), (MOST_WAITING - 1, 0));

@@ -18,7 +18,7 @@ use ranging::exchange::{Event, Link};
 use ranging::native::Rate;
 use ranging::radio::Sensors;
 use wire::telemetry::{Condition, MotionSensor, Sighting};
-use wire::uwb::native::Downlink;
+use wire::uwb::native::{Answer, Downlink};
 
 type Outcome = Result<Position, SolveError>;
 
@@ -75,6 +75,8 @@ impl Sink for &Node {
     }
 
     fn identify(&self, _: u64) {}
+
+    fn answered(&self, _: &Downlink, _: Answer) {}
 }
 
 /// A delay by the node's clock, which the test sets.
