@@ -312,7 +312,7 @@ impl<M: RawMutex> TaskChannels<M> {
         self.outbox.lock(|outbox| outbox.borrow_mut().push(bytes, polls))
     }
 
-    /// The next message of a host to the tag's program. A message that comes while the program has not taken [`MESSAGES`]
+    /// The next message of a host to the tag's program. A message that comes while the program has not taken two
     /// earlier ones, or has never asked for one, is refused, and its host is told so.
     pub async fn next_message(&self) -> UserData {
         self.takes_messages.store(true, Ordering::Relaxed);

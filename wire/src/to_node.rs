@@ -1,6 +1,6 @@
 //! Frames from a host to a node: messages to tags, for a gateway that sends them.
 //!
-//! A frame is the [`DOWNLINK`] byte, the tag, what the message's bytes are, its number, the bytes and a CRC-16, in the way of
+//! A frame is a byte 1, the tag, what the message's bytes are, its number, the bytes and a CRC-16, in the way of
 //! [`telemetry`](crate::telemetry): encoded by COBS, and ended by a zero. `docs/reference/wire-format.md` has an example.
 
 use heapless::Vec;
