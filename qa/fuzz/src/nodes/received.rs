@@ -68,6 +68,7 @@ pub fn datagrams(input: &[u8]) {
     let written = match &received.datagram {
         Datagram::Telemetry(envelope) => envelope.emit(has_code, &mut out),
         Datagram::Receipt(receipt) => receipt.emit(has_code, &mut out),
+        Datagram::ToNode(told) => told.emit(has_code, &mut out),
     };
     let Some(length) = written else {
         // Longer than those that are sent.
