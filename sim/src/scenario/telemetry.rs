@@ -256,7 +256,8 @@ impl Outlet {
             Message::TagData(told) if self.has_host => {
                 self.log.borrow_mut().uplink.data_arrived(told.tag, told.number);
             }
-            Message::TagAnswer(told) if self.has_host => {
+            // A tag at a cable reports its own answers, too: what came through the air counts.
+            Message::TagAnswer(told) if self.has_host && told.tag != self.node => {
                 self.log.borrow_mut().sender.answered(&told, t_s);
             }
             Message::Arrival(arrival) if self.has_host => {
