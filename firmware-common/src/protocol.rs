@@ -209,13 +209,13 @@ impl Protocol for AnchorProtocol {
         }
     }
 
-    // No other mode passes on what it hears.
     fn send_down(&mut self, message: Downlink) {
         if let Self::Native(anchor) = self {
             anchor.send_down(message);
         }
     }
 
+    // No other mode passes on what it hears.
     fn set_host(&mut self, has_host: bool) {
         if let Self::Native(anchor) = self {
             anchor.set_host(has_host);

@@ -8,14 +8,14 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use downlink::{MOST_WAITING, MessageOutcome, PendingMessages, Settled};
+use downlink::{MOST_WAITING, MessageOutcome, PendingMessages, Settled, data_bytes};
 use serde::{Deserialize, Serialize};
 use tokio::sync::broadcast;
 use tokio::time::{Instant, MissedTickBehavior, interval};
 use utoipa::ToSchema;
 use wire::config::MAX_RATE_CHZ;
 use wire::telemetry::Address;
-use wire::uwb::native::{Answer, Downlink, TagCommand, UserData};
+use wire::uwb::native::{Answer, Downlink, TagCommand};
 
 use crate::Utc;
 
@@ -49,12 +49,8 @@ impl MessageContent {
                 is_rate.then(|| TagCommand::Rate(chz.round() as u32))
             }
             Self::Data(digits) => {
-                if !digits.is_ascii() || !digits.len().is_multiple_of(2) || digits.len() > 2 * UserData::MOST {
-                    return None;
-                }
-                let byte = |at: usize| u8::from_str_radix(digits.get(at..at + 2)?, 16).ok();
-                *bytes = (0..digits.len()).step_by(2).map(byte).collect::<Option<_>>()?;
-                (!bytes.is_empty()).then_some(TagCommand::Data(bytes))
+                *bytes = data_bytes(digits)?;
+                Some(TagCommand::Data(bytes))
             }
         }
     }

@@ -6,9 +6,9 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use wire::uwb::native::{Answer, Downlink, TagCommand};
+use wire::uwb::native::{Answer, Downlink, TagCommand, UserData};
 
-/// From one message of a host to the next, microseconds: an anchor passes each on in two sync frames.
+/// From one message of a host to the next, microseconds: an anchor's sync frame carries one, and is sent again when a tag asks.
 const EVERY_US: u64 = 250_000;
 /// From the first sending to the second one, and the longest time to the next one, microseconds.
 const FIRST_PATIENCE_US: u64 = 3_000_000;
@@ -18,6 +18,16 @@ const FRESH_US: u64 = 10_000_000;
 const MOST_FRESH: usize = 8;
 /// Messages that may wait for a tag.
 pub const MOST_WAITING: usize = 16;
+
+/// The bytes of a message's data, two hexadecimal digits each; `None` if there are none, more than a message holds, or another
+/// character.
+pub fn data_bytes(digits: &str) -> Option<Vec<u8>> {
+    let are_digits = digits.bytes().all(|digit| digit.is_ascii_hexdigit());
+    if digits.is_empty() || !are_digits || !digits.len().is_multiple_of(2) || digits.len() > 2 * UserData::MOST {
+        return None;
+    }
+    (0..digits.len()).step_by(2).map(|at| u8::from_str_radix(digits.get(at..at + 2)?, 16).ok()).collect()
+}
 
 /// What became of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use downlink::{MessageOutcome, PendingMessages};
+use downlink::{MessageOutcome, PendingMessages, data_bytes};
 use recording::UserError;
 use wire::telemetry::{Address, Message};
 use wire::to_node::{MAX_FRAME, encode};
@@ -52,11 +52,7 @@ fn rate_chz(text: &str) -> Result<u32, String> {
 
 fn bytes(text: &str) -> Result<Bytes, String> {
     let wrong = || format!("{text:?}: up to {} bytes, two hexadecimal digits each", UserData::MOST);
-    if text.is_empty() || !text.len().is_multiple_of(2) || text.len() > 2 * UserData::MOST || !text.is_ascii() {
-        return Err(wrong());
-    }
-    let byte = |at: usize| u8::from_str_radix(&text[at..at + 2], 16).map_err(|_| wrong());
-    (0..text.len()).step_by(2).map(byte).collect::<Result<_, _>>().map(Bytes)
+    data_bytes(text).map(Bytes).ok_or_else(wrong)
 }
 
 /// A message on its way.
@@ -138,12 +134,11 @@ mod tests {
     use wire::telemetry::TagAnswer;
 
     fn telling(arguments: &[&str]) -> Telling {
-        use clap::{FromArgMatches as _, error::ErrorKind};
+        use clap::FromArgMatches as _;
         let command = <TellArguments as clap::Args>::augment_args(
             clap::Command::new("monitor").arg(clap::arg!(--stdin)).arg(clap::arg!(--file)),
         );
-        let matches = command.try_get_matches_from([&["monitor"], arguments].concat());
-        let matches = matches.unwrap_or_else(|error| panic!("{}", error.kind() == ErrorKind::DisplayHelp));
+        let matches = command.try_get_matches_from([&["monitor"], arguments].concat()).expect("known arguments");
         TellArguments::from_arg_matches(&matches).expect("right arguments").telling().expect("a message")
     }
 
@@ -175,6 +170,6 @@ mod tests {
         assert!(["", "0x", "70000"].map(address).iter().all(Result::is_err));
         assert!(["0", "-1", "nan", "2000"].map(rate_chz).iter().all(Result::is_err));
         let too_long = "00".repeat(25);
-        assert!(["", "1", "1g", "ä", &too_long].map(|text| bytes(text).is_err()).iter().all(|is_wrong| *is_wrong));
+        assert!(["", "1", "1g", "+1", "ä", &too_long].map(bytes).iter().all(Result::is_err));
     }
 }

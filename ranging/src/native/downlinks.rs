@@ -1,9 +1,9 @@
 //! Messages of hosts to tags, on their way from a gateway through all anchors to the tag.
 //!
-//! An anchor that learns of a message keeps it, and repeats it in two of its own sync frames: so it goes from anchor to
-//! anchor, and to tags that listen. A tag that sleeps asks some anchor sooner or later. The anchor's response says that a
-//! message waits, and its next sync frames carry it. The tag's answer, in a poll, ends it at each anchor that receives the
-//! poll; elsewhere it ends after ten minutes. Each anchor keeps one message a tag, the newest.
+//! An anchor that learns of a message keeps it, and repeats it in its next sync frame, unless three others have done so: so
+//! it goes from anchor to anchor, and to tags that listen. A tag that sleeps asks some anchor sooner or later. The anchor's
+//! response says that a message waits, and its next two sync frames carry it. The tag's answer, in a poll, ends it at each
+//! anchor that receives the poll; elsewhere it ends after ten minutes. Each anchor keeps one message a tag, the newest.
 
 use heapless::Vec;
 
