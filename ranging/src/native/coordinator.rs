@@ -28,15 +28,14 @@
 //! | layout changes at the start | the notice ends after four superframes |
 //! | slot contested, or unconfirmed | shared slots, then another slot |
 
-use super::anchor_position::{hash, is_own_slot};
 use super::downlinks::Downlinks;
 use super::election::{Choice, Election};
 use super::enrolment::Enrolment;
 use super::layout_requests::LayoutRequests;
 use super::leases::Leases;
-use super::spread;
 use super::superframes::Superframes;
-use super::timing::{HOLDOVER_SUPERFRAMES, Network, SHARED_SLOTS, Timing};
+use super::sync_slot::SyncSlot;
+use super::timing::{HOLDOVER_SUPERFRAMES, Network, Timing};
 use super::uplink::Uplink;
 use crate::exchange::Link;
 use crate::{RadioDuration, RadioInstant};
@@ -46,13 +45,8 @@ use wire::uwb::native::{Confirmation, Member, OWNED_SYNC_SLOTS, Poll, Position, 
 /// If the coordinator's last message is older than this many superframes, and two more for each hop, the coordinator is
 /// gone.
 const COORDINATOR_GONE: u8 = 3;
-/// The owner of a sync slot that was neither received nor reported for this many superframes has left it.
-const SLOT_LEFT: u8 = 5;
-/// An anchor leaves its sync slot if its neighbours have not reported it there for this many superframes.
-const UNCONFIRMED: u8 = 20;
-
-/// Owners of sync slots: a byte of the address's hash (0: no owner) and superframes since the last sign of it.
-type Owners = [(u8, u8); OWNED_SYNC_SLOTS];
+/// A sync frame that comes late was recorded, unless the coordinator was silent for more than this many superframes.
+const LONG_SILENT: u8 = 20;
 
 /// An anchor's state in its network, but for the leases: their table is large and stays where it is, and methods take
 /// it.
@@ -65,11 +59,9 @@ pub struct Coordinator {
     election: Election,
     /// Superframes spent listening.
     listened: u16,
-    slot: Option<u8>,
-    /// Superframes with neighbours of which none has reported this anchor in its slot.
-    unconfirmed: u8,
-    heard_owners: Owners,
-    told_owners: Owners,
+    slot: SyncSlot,
+    /// A host reads what this anchor reports.
+    pub is_gateway: bool,
     /// Members of the newest list whose poll was received, here or according to anchors farther from the coordinator.
     heard_members: u16,
     enrolment: Enrolment,
@@ -95,8 +87,9 @@ pub enum FollowUpdate {
 impl Coordinator {
     /// Founds a network that begins at `start`, with a layout for this anchor itself.
     pub fn found(address: u16, network: &Network, layout: Layout, start: RadioInstant, session: Option<u32>) -> Self {
-        let slot = Some((usize::from(address) % OWNED_SYNC_SLOTS) as u8);
-        Self { slot, ..Self::of_course(address, Superframes::begin(network, layout, start, session)) }
+        let mut founded = Self::of_course(address, Superframes::begin(network, layout, start, session));
+        founded.slot.take_first();
+        founded
     }
 
     /// Joins a network whose sync frame was received, unless its layout is just changing.
@@ -119,10 +112,8 @@ impl Coordinator {
             address,
             election: Election::founded(address),
             listened: 0,
-            slot: None,
-            unconfirmed: 0,
-            heard_owners: [(0, 0); OWNED_SYNC_SLOTS],
-            told_owners: [(0, 0); OWNED_SYNC_SLOTS],
+            slot: SyncSlot::new(address),
+            is_gateway: false,
             heard_members: 0,
             enrolment: Enrolment::new(),
             wishes: LayoutRequests::new(),
@@ -143,7 +134,7 @@ impl Coordinator {
             // all followers stay.
             self.election.take_over(self.address);
         }
-        self.note_owners(source, sync_frame);
+        self.slot.receive(source, sync_frame);
     }
 
     /// Joins the network of a sync frame without any earlier knowledge. Returns false in the middle of a change of its
@@ -179,7 +170,7 @@ impl Coordinator {
         let in_step = self.course.in_step(sync_frame, rx_time);
         let is_deaf = u16::from(self.election.age) > HOLDOVER_SUPERFRAMES && !self.coordinates();
         // A recorded one would give a wrong time. One that comes late for seconds is another's.
-        let may_be_recorded = is_deaf && self.election.age <= UNCONFIRMED;
+        let may_be_recorded = is_deaf && self.election.age <= LONG_SILENT;
         if may_be_recorded && self.course.is_delayed(RadioDuration::ZERO, sync_frame, rx_time) {
             return FollowUpdate::Ignored;
         }
@@ -188,10 +179,11 @@ impl Coordinator {
             let followed = is_deaf && self.begin_anew(network, leases, source, sync_frame, rx_time);
             return if followed { FollowUpdate::Followed } else { FollowUpdate::Ignored };
         }
-        let is_alone = self.coordinates() && self.course.membership.members().is_empty() && !self.has_neighbours();
+        let is_alone = self.coordinates() && self.course.membership.members().is_empty() && !self.slot.has_neighbours();
+        let is_fresher = sync_frame.age < self.election.age;
         match (self.election.receive(sync_frame, is_alone), in_step) {
             (Choice::Same, Some(phase)) => {
-                if sync_frame.hops < self.election.hops {
+                if sync_frame.hops < self.election.hops || is_fresher {
                     self.course.phase = phase;
                     let agrees = self.course.membership.receive(sync_frame);
                     if agrees && self.is_known(source, sync_frame) {
@@ -200,7 +192,7 @@ impl Coordinator {
                     }
                 }
                 self.note_members(leases, source, sync_frame);
-                self.note_owners(source, sync_frame);
+                self.slot.receive(source, sync_frame);
                 FollowUpdate::Followed
             }
             (Choice::Change, phase) => {
@@ -220,27 +212,6 @@ impl Coordinator {
                 FollowUpdate::Changed(link)
             }
             (Choice::Same, None) | (Choice::Older | Choice::Refused, _) => FollowUpdate::Ignored,
-        }
-    }
-
-    fn note_owners(&mut self, source: u16, sync_frame: &SyncFrame) {
-        if let Some(owner) = self.heard_owners.get_mut(usize::from(sync_frame.slot)) {
-            *owner = (hash(source), 0);
-        }
-        for (told, &owner) in self.told_owners.iter_mut().zip(&sync_frame.slot_owners) {
-            if owner != 0 {
-                *told = (owner, 0);
-            }
-        }
-        let Some(slot) = self.slot else { return };
-        let owner = sync_frame.slot_owners.get(usize::from(slot)).copied().unwrap_or(0);
-        let is_confirmed = owner == hash(self.address);
-        if is_confirmed {
-            self.unconfirmed = 0;
-        }
-        let is_contested = owner != 0 && !is_confirmed;
-        if is_contested || sync_frame.slot == slot && source < self.address {
-            self.slot = None;
         }
     }
 
@@ -266,8 +237,7 @@ impl Coordinator {
 
     /// Whether a sync frame came in a slot of its sender's own, which the sender had before.
     pub fn is_known(&self, source: u16, sync_frame: &SyncFrame) -> bool {
-        let owner = self.heard_owners.get(usize::from(sync_frame.slot));
-        is_own_slot(source, sync_frame) && owner.is_some_and(|(owner, _)| *owner == hash(source))
+        self.slot.is_known(source, sync_frame)
     }
 
     /// A tag requests this layout. Its request counts once it is a member.
@@ -318,30 +288,18 @@ impl Coordinator {
         if begun == 0 {
             return;
         }
-        let superframes = begun.min(u8::MAX.into()) as u8;
         self.wishes.advance(begun);
         self.wishes.keep(self.course.membership.members());
         self.wishes.note(leases.wish());
         leases.look_over(self.course.phase.number, self.course.membership.newest().leased);
         self.listened = self.listened.saturating_add(begun);
-        for (owner, unheard) in self.heard_owners.iter_mut().chain(&mut self.told_owners) {
-            *unheard = unheard.saturating_add(superframes);
-            if *unheard > SLOT_LEFT {
-                *owner = 0;
-            }
-        }
         self.election.advance(begun);
         if self.coordinates() {
             self.election.age = 0;
             self.coordinate(network, leases, begun);
         }
-        self.unconfirmed = if self.has_neighbours() { self.unconfirmed.saturating_add(superframes) } else { 0 };
-        if self.unconfirmed > UNCONFIRMED {
-            self.slot = None;
-        }
-        if self.slot.is_none() && self.listened > 1 {
-            (self.slot, self.unconfirmed) = (self.pick_slot(), 0);
-        }
+        self.slot.is_needed = self.is_gateway || self.coordinates();
+        self.slot.advance(begun, self.course.phase.number, self.listened);
     }
 
     /// The coordinator's work of a superframe: it grants requests and sets the layout of the slots.
@@ -363,29 +321,9 @@ impl Coordinator {
         }
     }
 
-    fn has_neighbours(&self) -> bool {
-        self.heard_owners.iter().any(|(owner, _)| *owner != 0)
-    }
-
-    fn pick_slot(&self) -> Option<u8> {
-        let free = |slot: &u8| {
-            let slot = usize::from(*slot);
-            self.heard_owners[slot].0 == 0 && self.told_owners[slot].0 == 0
-        };
-        let wished = (usize::from(self.address) % OWNED_SYNC_SLOTS) as u8;
-        let all = 0..OWNED_SYNC_SLOTS as u8;
-        // At first the anchor chooses the slot that corresponds to its address: consecutive addresses never collide. An
-        // anchor that had to leave its slot draws one at random.
-        if free(&wished) && self.listened < 4 {
-            return Some(wished);
-        }
-        let count = all.clone().filter(free).count() as u16;
-        all.filter(free).nth(spread(self.address, self.course.phase.number, count).into())
-    }
-
     /// The sync slot of this anchor's own.
     pub const fn own_slot(&self) -> Option<u8> {
-        self.slot
+        self.slot.own()
     }
 
     /// The sync slot of this superframe, unless its sync frame is finished. An anchor transmits in a shared slot if it
@@ -395,14 +333,10 @@ impl Coordinator {
         if self.told == Some(number) {
             return None;
         }
-        let shared = |choices| {
-            let shared = spread(self.address, number, choices) as u8;
-            (usize::from(shared) < SHARED_SLOTS).then_some(OWNED_SYNC_SLOTS as u8 + shared)
-        };
-        match self.slot {
-            Some(_) if self.late == Some(number) => shared(SHARED_SLOTS as u16),
+        match self.slot.own() {
+            Some(_) if self.late == Some(number) => Some(self.slot.shared(number)),
             Some(slot) => Some(slot),
-            None if self.listened > 1 => shared(4 * SHARED_SLOTS as u16),
+            None if self.listened > 1 => self.slot.shared_at_random(number),
             None => None,
         }
     }
@@ -436,10 +370,6 @@ impl Coordinator {
             self.election.take_over(self.address);
             self.enrolment.take_over();
         }
-        let mut slot_owners = self.heard_owners.map(|(owner, _)| owner);
-        if let Some(own) = self.slot.and_then(|slot| slot_owners.get_mut(usize::from(slot))) {
-            *own = hash(self.address);
-        }
         let (request, heard) = if self.coordinates() {
             (None, self.heard_members)
         } else {
@@ -464,7 +394,7 @@ impl Coordinator {
             hops,
             coordinator,
             slot,
-            slot_owners,
+            slot_owners: self.slot.owners(),
             request,
             wish: self.wishes.all(),
             heard,

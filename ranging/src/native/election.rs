@@ -29,6 +29,9 @@ const YOUNG: u16 = 10;
 const NEAR_PATIENCE: u8 = 10;
 /// … and of a coordinator that is farther ahead.
 const FAR_PATIENCE: u8 = 100;
+/// The number of hops to the coordinator is that of the shortest way, unless nothing came that way for more than this many
+/// superframes.
+const HOPS_KEPT: u8 = 3;
 /// After more than this many superframes without its sync frame, the count starts again.
 const PAUSE: u8 = 1;
 
@@ -43,6 +46,8 @@ pub struct Election {
     pub hops: u8,
     /// Superframes since the last known message left the coordinator.
     pub age: u8,
+    /// Superframes since a sync frame came that way.
+    unconfirmed: u8,
     /// Superframes since this network was joined or founded.
     superframes: u16,
     /// Superframes since its coordinator restarted.
@@ -76,7 +81,16 @@ pub enum Choice {
 impl Election {
     /// The node coordinates a network that it has just founded.
     pub const fn founded(address: u16) -> Self {
-        Self { term: 0, coordinator: address, hops: 0, age: 0, superframes: 0, unrestarted: u8::MAX, candidate: None }
+        Self {
+            term: 0,
+            coordinator: address,
+            hops: 0,
+            age: 0,
+            unconfirmed: 0,
+            superframes: 0,
+            unrestarted: u8::MAX,
+            candidate: None,
+        }
     }
 
     /// The network of a sync frame is joined.
@@ -91,6 +105,7 @@ impl Election {
         let few = superframes.min(u8::MAX.into()) as u8;
         self.superframes = self.superframes.saturating_add(superframes);
         self.age = self.age.saturating_add(few);
+        self.unconfirmed = self.unconfirmed.saturating_add(few);
         self.unrestarted = self.unrestarted.saturating_add(few);
         if let Some(candidate) = &mut self.candidate {
             candidate.unheard = candidate.unheard.saturating_add(few);
@@ -103,9 +118,11 @@ impl Election {
         let (told, followed) = ((sync_frame.term, sync_frame.coordinator), (self.term, self.coordinator));
         if told == followed {
             let hops = sync_frame.hops.saturating_add(1);
-            if (sync_frame.age, hops) <= (self.age, self.hops) {
-                (self.age, self.hops) = (sync_frame.age, hops);
+            let is_longer_way_known = self.hops > 0 && self.unconfirmed > HOPS_KEPT && sync_frame.age < self.age;
+            if hops <= self.hops || is_longer_way_known {
+                (self.hops, self.unconfirmed) = (hops, 0);
             }
+            self.age = self.age.min(sync_frame.age);
             return Choice::Same;
         }
         let is_silent = u16::from(self.age) > HOLDOVER_SUPERFRAMES + u16::from(self.hops);
@@ -140,7 +157,7 @@ impl Election {
             self.unrestarted = 0;
         }
         (self.term, self.coordinator) = (sync_frame.term, sync_frame.coordinator);
-        (self.age, self.hops) = (sync_frame.age, sync_frame.hops.saturating_add(1));
+        (self.age, self.hops, self.unconfirmed) = (sync_frame.age, sync_frame.hops.saturating_add(1), 0);
         self.candidate = None;
     }
 

@@ -46,6 +46,7 @@ mod search;
 mod superframes;
 mod sync;
 mod sync_schedule;
+mod sync_slot;
 mod tag;
 mod tdoa_tag;
 mod timing;

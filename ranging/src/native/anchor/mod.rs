@@ -253,6 +253,7 @@ impl Anchor {
         };
         // A superframe begins early for this node, because it must decide in time on a sync frame in the first slot.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
+        network.is_gateway = self.has_host;
         network.advance(followed, &mut self.leases, present.plus(early));
         let (timing, phase) = (network.course.timing, network.course.phase);
         let passed = present.since(phase.start).ticks();
@@ -273,6 +274,9 @@ impl Anchor {
             self.wake_at = Some(present.plus(spare));
             return Self::listen(spare);
         }
+        // The anchor may have waited for another slot, which it has left since.
+        let pulse_at = phase.at(RadioDuration::from_ticks(passed + until_pulse));
+        self.wake_at = self.wake_at.filter(|wake| (0..=2 * lead.ticks()).contains(&pulse_at.since(*wake).ticks()));
         if until_pulse <= 0 {
             // The slot was awaited and missed: there is another chance in this superframe. Otherwise the slot was
             // chosen after it had passed.
