@@ -103,6 +103,7 @@ field(ProtoField.uint16, "message.gateway", "Gateway", base.HEX)
 field(ProtoField.uint16, "message.left", "Kept for superframes")
 field(ProtoField.uint8, "message.kind", "Kind", base.DEC, { [0] = "data", [1] = "identify", [2] = "rate" }, 0x0F)
 field(ProtoField.bool, "has_message", "A message to the tag waits", 8, nil, 0x80)
+field(ProtoField.bool, "passes_nothing_on", "Passes nothing on", 8, nil, 0x40)
 field(ProtoField.uint32, "session", "Session", base.HEX)
 field(ProtoField.uint16, "epoch", "Superframe, high half")
 field(ProtoField.bool, "answers", "Answers a challenge", 8, nil, 0x08)
@@ -308,11 +309,12 @@ end
 local function response(tree, reader)
     tree:add(f.round_low, reader:take(1))
     local options = reader:take(1)
-    if CONFIRMATIONS[options:uint() % 128] == nil then
+    if CONFIRMATIONS[options:uint() % 64] == nil then
         error("options " .. options:uint(), 0)
     end
     tree:add(f.confirmation, options)
     tree:add(f.has_message, options)
+    tree:add(f.passes_nothing_on, options)
     tree:add_le(f.poll_rx, reader:take(5))
     add_us(tree, f.reply, reader:take(4))
     if reader:left() > 0 then

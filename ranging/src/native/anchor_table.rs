@@ -14,12 +14,16 @@ use super::authentication::Forged;
 use super::clock::ClockModel;
 use super::sync::SyncUpdate;
 use crate::RadioInstant;
-use wire::uwb::native::{Relay, SyncFrame};
+use wire::uwb::native::{AnchorAt, Relay, SyncFrame};
 
 /// Anchors that a tag remembers.
 pub const MAX_NEIGHBOURS: usize = 24;
 /// An anchor that was silent for this many superframes is forgotten.
 const FORGOTTEN_AFTER: u16 = 6;
+/// One without a sync slot of its own sends seldom: it is forgotten after this many, …
+const SELDOM_FORGOTTEN_AFTER: u16 = 600;
+/// … or if it has not answered this many times in a row.
+const MOST_MISSES: u8 = 8;
 /// Weight of a new value in the mean power and in the share of answers.
 const SMOOTHING: f32 = 0.1;
 /// The same for the reliability, and the reliability of an anchor that was not asked yet.
@@ -56,6 +60,12 @@ pub struct Neighbour {
     unheard: u16,
     /// Superframes since it was last asked.
     unasked: u16,
+    /// It has a sync slot of its own.
+    has_slot: bool,
+    /// A frame of it was received; else another anchor has said where it is.
+    is_heard: bool,
+    /// How often it has not answered in a row.
+    missed: u8,
 }
 
 /// What a tag received and refused since it was created. A growing count is a sign of forged frames.
@@ -131,11 +141,28 @@ impl AnchorTable {
     pub fn on_sync_frame(&mut self, source: u16, sync_frame: &SyncFrame, power_dbm: f32) {
         let is_own_slot = is_own_slot(source, sync_frame);
         let Some(anchor) = self.receive(source, power_dbm) else { return };
+        anchor.has_slot = is_own_slot;
         if is_own_slot {
             anchor.cost = sync_frame.relay.as_ref().map(|relay| relay.cost);
         }
         if !anchor.position.receive(sync_frame.position, is_own_slot) {
             self.refused.positions = self.refused.positions.saturating_add(1);
+        }
+        if let Some(neighbour) = &sync_frame.neighbour {
+            self.introduce(neighbour);
+        }
+    }
+
+    /// An anchor has said where another one is, which has no slot of its own. The tag asks it if it has room for it: it
+    /// counts as one in a shared slot does.
+    fn introduce(&mut self, AnchorAt { address, position }: &AnchorAt) {
+        if self.get_mut(*address).is_none() {
+            // There may be no room.
+            let _ = self.anchors.push(Neighbour::new(*address, f32::NEG_INFINITY));
+        }
+        if let Some(anchor) = self.get_mut(*address).filter(|anchor| !anchor.has_slot) {
+            anchor.position.receive(Some(*position), false);
+            anchor.unheard = 0;
         }
     }
 
@@ -145,7 +172,10 @@ impl AnchorTable {
             anchor.unheard = anchor.unheard.saturating_add(superframes);
             anchor.unasked = anchor.unasked.saturating_add(superframes);
         }
-        self.anchors.retain(|anchor| anchor.unheard <= FORGOTTEN_AFTER);
+        self.anchors.retain(|anchor| match anchor.has_slot {
+            true => anchor.unheard <= FORGOTTEN_AFTER,
+            false => anchor.unheard <= SELDOM_FORGOTTEN_AFTER && anchor.missed < MOST_MISSES,
+        });
     }
 
     /// A frame of an anchor was received. A new anchor replaces the weakest one if there is no other room. It becomes
@@ -163,25 +193,15 @@ impl AnchorTable {
                     }
                     self.anchors.swap_remove(weakest);
                 }
-                let anchor = Neighbour {
-                    address,
-                    position: AnchorPosition::default(),
-                    clock: ClockModel::new(),
-                    distance_m: None,
-                    cost: None,
-                    power_dbm,
-                    answers: 1.0,
-                    reliability: UNKNOWN_RELIABILITY,
-                    unheard: 0,
-                    unasked: u16::MAX,
-                };
-                self.anchors.push(anchor).ok()?;
+                self.anchors.push(Neighbour::new(address, power_dbm)).ok()?;
                 self.anchors.len() - 1
             }
         };
         let anchor = self.anchors.get_mut(place)?;
         if power_dbm.is_finite() {
-            anchor.power_dbm += SMOOTHING * (power_dbm - anchor.power_dbm);
+            let former_dbm = if anchor.is_heard { anchor.power_dbm } else { power_dbm };
+            anchor.power_dbm = former_dbm + SMOOTHING * (power_dbm - former_dbm);
+            anchor.is_heard = true;
         }
         anchor.unheard = 0;
         Some(anchor)
@@ -219,6 +239,7 @@ impl AnchorTable {
     pub fn asked(&mut self, address: u16, answered: bool) {
         if let Some(anchor) = self.get_mut(address) {
             anchor.unasked = 0;
+            anchor.missed = if answered { 0 } else { anchor.missed.saturating_add(1) };
             let answered = f32::from(u8::from(answered));
             anchor.answers += SMOOTHING * (answered - anchor.answers);
             anchor.reliability += RELIABILITY_SMOOTHING * (answered - anchor.reliability);
@@ -250,7 +271,7 @@ impl AnchorTable {
             let _ = team.push(best.address);
         }
         let others = self.anchors.iter().filter(|anchor| !team.contains(&anchor.address));
-        if let Some(longest_unasked) = others.max_by_key(|anchor| anchor.unasked) {
+        if let Some(longest_unasked) = others.max_by_key(|anchor| anchor.patience()) {
             let _ = team.push(longest_unasked.address);
         }
         team
@@ -291,6 +312,34 @@ impl AnchorTable {
 }
 
 impl Neighbour {
+    fn new(address: u16, power_dbm: f32) -> Self {
+        Self {
+            address,
+            position: AnchorPosition::default(),
+            clock: ClockModel::new(),
+            distance_m: None,
+            cost: None,
+            power_dbm,
+            answers: 1.0,
+            reliability: UNKNOWN_RELIABILITY,
+            unheard: 0,
+            unasked: u16::MAX,
+            has_slot: false,
+            is_heard: false,
+            missed: 0,
+        }
+    }
+
+    /// It cannot pass on what polls carry, until it says otherwise.
+    pub fn passes_nothing_on(&mut self) {
+        self.cost = None;
+    }
+
+    /// How long it has waited for its turn: one that was never received waits longer, the more often it has not answered.
+    fn patience(&self) -> u16 {
+        if self.is_heard { self.unasked } else { self.unasked >> (2 * self.missed.min(4)) }
+    }
+
     /// The anchor is there, although the tag listens to few of its sync frames.
     pub fn keep(&mut self) {
         self.unheard = 0;
@@ -298,6 +347,9 @@ impl Neighbour {
 
     /// The weight of a range to it: less with low power, less if responses are lost.
     fn weight(&self) -> f32 {
+        if !self.is_heard {
+            return 0.0;
+        }
         // From the receiver's limit, some −105 dBm, to the power above which timestamps do not improve.
         ((self.power_dbm + 105.0) / 25.0).clamp(0.05, 1.0) * self.answers.max(0.01)
     }

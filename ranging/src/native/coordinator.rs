@@ -31,6 +31,7 @@
 use super::downlinks::Downlinks;
 use super::election::{Choice, Election};
 use super::enrolment::Enrolment;
+use super::introductions::Introductions;
 use super::layout_requests::LayoutRequests;
 use super::leases::Leases;
 use super::superframes::Superframes;
@@ -60,6 +61,7 @@ pub struct Coordinator {
     /// Superframes spent listening.
     listened: u16,
     slot: SyncSlot,
+    introductions: Introductions,
     /// A host reads what this anchor reports.
     pub is_gateway: bool,
     /// Members of the newest list whose poll was received, here or according to anchors farther from the coordinator.
@@ -113,6 +115,7 @@ impl Coordinator {
             election: Election::founded(address),
             listened: 0,
             slot: SyncSlot::new(address),
+            introductions: Introductions::new(),
             is_gateway: false,
             heard_members: 0,
             enrolment: Enrolment::new(),
@@ -134,7 +137,13 @@ impl Coordinator {
             // all followers stay.
             self.election.take_over(self.address);
         }
+        self.note_anchor(source, sync_frame);
+    }
+
+    /// Another anchor of the network was received.
+    fn note_anchor(&mut self, source: u16, sync_frame: &SyncFrame) {
         self.slot.receive(source, sync_frame);
+        self.introductions.receive(source, sync_frame);
     }
 
     /// Joins the network of a sync frame without any earlier knowledge. Returns false in the middle of a change of its
@@ -192,7 +201,7 @@ impl Coordinator {
                     }
                 }
                 self.note_members(leases, source, sync_frame);
-                self.slot.receive(source, sync_frame);
+                self.note_anchor(source, sync_frame);
                 FollowUpdate::Followed
             }
             (Choice::Change, phase) => {
@@ -405,6 +414,7 @@ impl Coordinator {
             position,
             leased: membership.newest().leased,
             relay: None,
+            neighbour: None,
             members: membership.members().clone(),
             leases: Default::default(),
             polls: Default::default(),
@@ -413,6 +423,7 @@ impl Coordinator {
             uplink.say_way(&mut sync_frame, self.coordinates());
             downlinks.fill(&mut sync_frame);
             uplink.fill_first(&mut sync_frame);
+            self.introductions.fill(self.address, &mut sync_frame);
         }
         leases.news.fill(&mut sync_frame);
         uplink.fill_rest(&mut sync_frame);

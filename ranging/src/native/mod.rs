@@ -34,6 +34,7 @@ mod coordinator;
 mod downlinks;
 mod election;
 mod enrolment;
+mod introductions;
 mod layout_requests;
 mod lease_entry;
 mod lease_news;
@@ -107,6 +108,7 @@ fn blank_sync_frame() -> wire::uwb::native::SyncFrame {
         position: None,
         leased: 0,
         relay: None,
+        neighbour: None,
         members: Default::default(),
         leases: Default::default(),
         polls: Default::default(),

@@ -366,6 +366,11 @@ impl Uplink {
         self.queue.len() >= BUSY
     }
 
+    /// Whether a way to a gateway is known, or will be soon.
+    pub const fn has_way(&self) -> bool {
+        self.cost.is_some() || self.pause > 0
+    }
+
     /// Whether a gateway has entries to report.
     pub fn has_reports(&self) -> bool {
         self.has_host && !self.queue.is_empty()

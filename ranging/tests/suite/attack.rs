@@ -397,6 +397,7 @@ impl Impostor {
                                 round: poll.round as u8,
                                 lease: Confirmation::None,
                                 has_message: false,
+                                passes_nothing_on: false,
                                 poll_rx: heard.rx_time,
                                 reply,
                                 last_final: None,

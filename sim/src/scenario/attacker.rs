@@ -314,6 +314,7 @@ impl Striker {
                 let reply = timing.reply_in(poll.first_slot() + place);
                 let response = Response {
                     has_message: false,
+                    passes_nothing_on: false,
                     round: poll.round as u8,
                     lease: Confirmation::Ended,
                     poll_rx: RadioInstant::from_ticks(self.random.random()),

@@ -253,6 +253,8 @@ impl Anchor {
         let is_in_turn = place.is_some() && turn == place;
         let has_message = self.downlinks.on_poll(tag, poll.data.as_ref(), is_in_turn);
         let Some(place) = place else { return };
+        let is_for_others = place == 0 && (position.is_some() || data.is_some());
+        let passes_nothing_on = is_for_others && (network.own_slot().is_none() || !self.uplink.has_way());
         let slot = poll.first_slot() + place;
         let poll_rx = frame.rx_time;
         let antenna_delay = self.stamps.antenna_delay;
@@ -263,7 +265,8 @@ impl Anchor {
         // A long response is only for rounds that have room for it.
         let last_final = last_final.filter(|_| timing.layout.scheme == Scheme::DoubleSided);
         let reply = departure.since(poll_rx);
-        let response = Response { round: poll.round as u8, lease, has_message, poll_rx, reply, last_final };
+        let round = poll.round as u8;
+        let response = Response { round, lease, has_message, passes_nothing_on, poll_rx, reply, last_final };
         let polled = poll.part.is_none().then(|| end_of(&self.config.network.phy, frame));
         self.answer = Some(Answer { tag, polled, start, response, sealed });
         // The distances in another anchor's poll are for tags that only listen.

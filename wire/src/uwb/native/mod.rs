@@ -22,7 +22,7 @@ pub use integrity::{CODE_BYTES, IntegrityCode, Nonce, integrity_code, software_c
 pub use lease::{Confirmation, Grant, Lease, LeasedPoll, MAX_BLINKS, Period, Turn, Turns};
 pub use poll::{Asked, Poll};
 pub use relay::{Carried, MAX_RELAYED, Relay, Relayed};
-pub use sync_frame::{Member, Session, SyncFrame, slot_of};
+pub use sync_frame::{AnchorAt, Member, Session, SyncFrame, slot_of};
 pub use user_data::UserData;
 pub use values::{Distance, PolledPosition, Position, Share};
 
@@ -109,6 +109,8 @@ pub struct Response {
     pub lease: Confirmation,
     /// A message to the tag waits here: the anchor's next sync frames carry it.
     pub has_message: bool,
+    /// The poll names this anchor first, and this anchor cannot pass on what the poll carries.
+    pub passes_nothing_on: bool,
     /// Arrival of the poll, in the anchor's clock.
     pub poll_rx: RadioInstant,
     /// From the poll's arrival to this frame's departure, in the anchor's clock: below 67 ms.
@@ -228,13 +230,14 @@ const SHORTEST_SYNC_FRAME_BYTES: u16 = HEAD + 44 + 2;
 pub const SYNC_FRAME_BYTES: u16 = 119;
 /// In the byte of the confirmation.
 const HAS_MESSAGE: u8 = 0x80;
+const PASSES_NOTHING_ON: u8 = 0x40;
 
 impl Response {
     #[inline]
     fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let [round, lease] = reader.take()?;
-        let has_message = lease & HAS_MESSAGE != 0;
-        let lease = Confirmation::from_code(lease & !HAS_MESSAGE)?;
+        let [has_message, passes_nothing_on] = [HAS_MESSAGE, PASSES_NOTHING_ON].map(|bit| lease & bit != 0);
+        let lease = Confirmation::from_code(lease & !(HAS_MESSAGE | PASSES_NOTHING_ON))?;
         let poll_rx = RadioInstant::from_le_bytes(reader.take()?);
         let reply = RadioDuration::from_ticks(reader.u32()?.into());
         let last_final = match reader.u8() {
@@ -242,12 +245,14 @@ impl Response {
             Ok(round) => Some(FinalReceived { round, after_response: RadioDuration::from_ticks(reader.u32()?.into()) }),
         };
         reader.end()?;
-        Ok(Self { round, lease, has_message, poll_rx, reply, last_final })
+        Ok(Self { round, lease, has_message, passes_nothing_on, poll_rx, reply, last_final })
     }
 
     #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
-        out.put(&[RESPONSE, self.round, self.lease as u8 | if self.has_message { HAS_MESSAGE } else { 0 }]);
+        let marks = [(self.has_message, HAS_MESSAGE), (self.passes_nothing_on, PASSES_NOTHING_ON)];
+        let marks: u8 = marks.iter().filter(|(is_set, _)| *is_set).map(|(_, bit)| bit).sum();
+        out.put(&[RESPONSE, self.round, self.lease as u8 | marks]);
         out.put(&self.poll_rx.to_le_bytes());
         out.put(&(self.reply.ticks() as u32).to_le_bytes());
         if let Some(FinalReceived { round, after_response }) = self.last_final {
@@ -387,6 +392,7 @@ mod tests {
             round: 0xFE,
             lease: Confirmation::Renewed,
             has_message: false,
+            passes_nothing_on: false,
             poll_rx: RadioInstant::from_ticks(0xFF_0102_0304),
             reply: RadioDuration::from_ticks(0x0123_4567),
             last_final: None,
@@ -447,6 +453,7 @@ mod tests {
             position: Position::from_metres([1.0, -0.001, 8.388]),
             leased: 17,
             relay: None,
+            neighbour: None,
             members: (0..members as u16).map(|tag| Member { tag: 0x0400 + tag, share: Share::Greedy }).collect(),
             leases: Vec::new(),
             polls: Vec::new(),
@@ -467,6 +474,23 @@ mod tests {
         golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
         golden.extend([2, 17, 0, 0x00, 0x04, 127, 0x01, 0x04, 127]);
         round_trip(Message::SyncFrame(sync_frame(2)), &golden);
+    }
+
+    #[test]
+    fn golden_sync_frame_that_says_where_another_anchor_is() {
+        let position = Position::from_metres([-1.0, 0.258, 3.0]).unwrap();
+        let neighbour = Some(AnchorAt { address: 0x1234, position });
+        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
+        golden.extend(0x10..0x20);
+        golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        // 17 + 128. −1000 = 0xFFFC18, 258 = 0x000102, 3000 = 0x000BB8.
+        golden.extend([0, 0x91, 0, 0x34, 0x12, 0x18, 0xFC, 0xFF, 2, 1, 0, 0xB8, 0x0B, 0]);
+        round_trip(Message::SyncFrame(SyncFrame { neighbour, ..sync_frame(0) }), &golden);
+        // An anchor without a position says nothing: −8388608 is "not known".
+        golden.truncate(golden.len() - 9);
+        golden.extend([0, 0, 0x80, 0, 0, 0, 0, 0, 0]);
+        let frame = [&[0x41, 0x88, 0, 0, 0, 0xFF, 0xFF, 0, 0], &golden[..]].concat();
+        assert_eq!(Frame::parse(&frame), Err(FrameError::Field));
     }
 
     #[test]
@@ -556,6 +580,7 @@ mod tests {
             round: 1,
             lease: Confirmation::Ended,
             has_message: true,
+            passes_nothing_on: true,
             poll_rx: RadioInstant::from_ticks(0),
             reply: RadioDuration::ZERO,
             last_final: None,
@@ -563,7 +588,7 @@ mod tests {
         let mut out = FrameBuffer::new();
         let message = Message::Response(response);
         Frame { sequence: 0, pan: 0, destination: 0, source: 0, message: message.clone() }.emit(&mut out);
-        assert_eq!(out.bytes().get(9..), Some(&[0x31, 1, 0x82, 0, 0, 0, 0, 0, 0, 0, 0, 0][..]));
+        assert_eq!(out.bytes().get(9..), Some(&[0x31, 1, 0xC2, 0, 0, 0, 0, 0, 0, 0, 0, 0][..]));
         assert_eq!(Frame::parse(out.bytes()).map(|frame| frame.message), Ok(message));
     }
 

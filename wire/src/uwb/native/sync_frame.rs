@@ -61,12 +61,23 @@ pub struct SyncFrame {
     pub leased: u8,
     /// The way to a gateway, if the sender knows one.
     pub relay: Option<Relay>,
+    /// Another anchor, which has no sync slot of its own.
+    pub neighbour: Option<AnchorAt>,
     /// The tags that range more than once a superframe, by address.
     pub members: Vec<Member, MAX_MEMBERS>,
     /// News of leases.
     pub leases: Vec<Lease, MAX_LEASES>,
     /// Polls of tags whose leases are to be renewed.
     pub polls: Vec<LeasedPoll, MAX_POLLS>,
+}
+
+/// Where an anchor is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AnchorAt {
+    /// Short address of the anchor.
+    pub address: u16,
+    /// Its position, as it says itself.
+    pub position: Position,
 }
 
 /// A tag in the network's list.
@@ -89,6 +100,8 @@ const PASSES_REQUEST_ON: u8 = 0x80;
 const RELAYS: u8 = 0x60;
 const RELAYS_SHIFT: u8 = 5;
 const MEMBERS: u8 = 0x1F;
+/// In the byte with the number of leased slots: the frame says where another anchor is.
+const HAS_NEIGHBOUR: u8 = 0x80;
 /// In the first byte of the layout: another layout is in force until the list of members is.
 const LAYOUT_IS_NEW: u8 = 0x80;
 /// Mask of the slot in the byte with slot and countdown.
@@ -127,6 +140,7 @@ impl SyncFrame {
             0 => None,
             entries => Some(Relay::parse(&mut reader, entries - 1)?),
         };
+        let neighbour = if leased & HAS_NEIGHBOUR == 0 { None } else { Some(AnchorAt::parse(&mut reader)?) };
         let (request, wish) = if count & PASSES_REQUEST_ON == 0 {
             let [answer, tag, 0] = passed_on else { return Err(FrameError::Field) };
             (None, Layout::from_bytes([answer, tag]))
@@ -170,8 +184,9 @@ impl SyncFrame {
             layout: Layout::from_bytes(layout),
             layout_is_new: layout[0] & LAYOUT_IS_NEW != 0,
             position,
-            leased,
+            leased: leased & !HAS_NEIGHBOUR,
             relay,
+            neighbour,
             members,
             leases,
             polls,
@@ -183,7 +198,8 @@ impl SyncFrame {
         let session = self.session.map_or(0, |session| session.bytes());
         let relay = self.relay.as_ref().map_or(0, Relay::bytes);
         let news = Lease::BYTES * self.leases.len() + LeasedPoll::BYTES * self.polls.len();
-        let used = session + relay + Member::BYTES * self.members.len() + news;
+        let neighbour = if self.neighbour.is_some() { AnchorAt::BYTES } else { 0 };
+        let used = session + relay + neighbour + Member::BYTES * self.members.len() + news;
         usize::from(SYNC_FRAME_BYTES - SHORTEST_SYNC_FRAME_BYTES).saturating_sub(used)
     }
 
@@ -222,7 +238,8 @@ impl SyncFrame {
         let entries = (self.leases.len() as u8) << 4 | self.polls.len() as u8 | if answers { ANSWERS } else { 0 };
         let relays = self.relay.as_ref().map_or(0, |relay| relay.entries.len() as u8 + 1);
         let count = self.members.len() as u8 | relays << RELAYS_SHIFT | passes_request_on;
-        out.put(&[count, self.leased, entries]);
+        let has_neighbour = if self.neighbour.is_some() { HAS_NEIGHBOUR } else { 0 };
+        out.put(&[count, self.leased | has_neighbour, entries]);
         if let Some(Session { number, epoch, answer }) = self.session {
             out.put(&number.to_le_bytes());
             out.put(&epoch.to_le_bytes());
@@ -231,6 +248,7 @@ impl SyncFrame {
         if let Some(relay) = &self.relay {
             relay.emit(out);
         }
+        self.neighbour.iter().for_each(|neighbour| neighbour.emit(out));
         self.members.iter().for_each(|member| member.emit(out));
         self.leases.iter().for_each(|lease| lease.emit(out));
         self.polls.iter().for_each(|poll| poll.emit(out));
@@ -246,6 +264,23 @@ impl Session {
 
     const fn bytes(self) -> usize {
         SESSION_BYTES + if self.answer.is_some() { ANSWER_BYTES } else { 0 }
+    }
+}
+
+impl AnchorAt {
+    /// Its length on the air.
+    pub const BYTES: usize = 11;
+
+    #[inline]
+    fn parse(reader: &mut Reader<'_>) -> Result<Self, FrameError> {
+        let (address, position) = (reader.u16()?, Position::parse(reader.take()?)?);
+        Ok(Self { address, position: position.ok_or(FrameError::Field)? })
+    }
+
+    #[inline]
+    fn emit(&self, out: &mut FrameBuffer) {
+        out.put(&self.address.to_le_bytes());
+        out.put(&Position::bytes(Some(self.position)));
     }
 }
 
