@@ -77,7 +77,9 @@ field(ProtoField.bool, "answer", "Answers a message", 8, nil, 0x80)
 field(ProtoField.uint8, "rounds_ago", "Measured this many rounds ago", base.DEC, nil, 0x7F)
 field(ProtoField.bool, "passes_request_on", "Passes a request on", 8, nil, 0x80)
 field(ProtoField.uint8, "members", "Members", base.DEC, nil, 0x1F)
-field(ProtoField.uint8, "leased", "Leased round slots")
+field(ProtoField.uint8, "leased", "Leased round slots", base.DEC, nil, 0x7F)
+field(ProtoField.bool, "has_neighbour", "Says where another anchor is", 8, nil, 0x80)
+field(ProtoField.uint16, "neighbour", "Another anchor", base.HEX)
 field(ProtoField.uint8, "leases", "Leases", base.DEC, nil, 0xF0)
 field(ProtoField.uint8, "polls", "Polls passed on", base.DEC, nil, 0x0F)
 field(ProtoField.uint16, "member", "Tag", base.HEX)
@@ -436,6 +438,7 @@ local function sync_frame(tree, reader, has_code)
     add_passed_on(tree, passed_on, count:uint() >= 128)
     tree:add(f.members, count)
     tree:add(f.leased, leased)
+    tree:add(f.has_neighbour, leased)
     tree:add(f.leases, entries)
     tree:add(f.polls, entries)
     local polls = entries:uint() % 16
@@ -451,6 +454,14 @@ local function sync_frame(tree, reader, has_code)
     local relays = math.floor(count:uint() / 32) % 4
     if relays > 0 then
         add_relay(tree, reader, relays - 1)
+    end
+    if leased:uint() >= 128 then
+        local branch = tree:add_le(f.neighbour, reader:take(2))
+        local place = reader:take(9)
+        if signed(place(0, 3):le_uint(), 24) == UNKNOWN_MM then
+            error("another anchor without a position", 0)
+        end
+        add_position(branch, place)
     end
     local last, is_in_order = -1, true
     for i = 1, count:uint() % 32 do

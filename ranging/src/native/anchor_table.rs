@@ -23,7 +23,7 @@ const FORGOTTEN_AFTER: u16 = 6;
 /// One without a sync slot of its own sends seldom: it is forgotten after this many, …
 const SELDOM_FORGOTTEN_AFTER: u16 = 600;
 /// … or if it has not answered this many times in a row.
-const MOST_MISSES: u8 = 8;
+const MOST_MISSES: u8 = 4;
 /// Weight of a new value in the mean power and in the share of answers.
 const SMOOTHING: f32 = 0.1;
 /// The same for the reliability, and the reliability of an anchor that was not asked yet.
@@ -337,7 +337,7 @@ impl Neighbour {
 
     /// How long it has waited for its turn: one that was never received waits longer, the more often it has not answered.
     fn patience(&self) -> u16 {
-        if self.is_heard { self.unasked } else { self.unasked >> (2 * self.missed.min(4)) }
+        if self.is_heard { self.unasked } else { self.unasked >> self.missed.min(15) }
     }
 
     /// The anchor is there, although the tag listens to few of its sync frames.
@@ -453,6 +453,82 @@ mod tests {
             }
         }
         assert_eq!(seen.len(), 7, "{seen:?}");
+    }
+
+    /// A sync frame in slot 0 of anchor 1, at x = 1 m, that says where another one is.
+    fn introducing(address: u16, x_m: f32) -> SyncFrame {
+        use wire::uwb::native::Position;
+        let mut sync_frame = SyncFrame { slot: 0, ..crate::native::blank_sync_frame() };
+        sync_frame.slot_owners[0] = super::super::anchor_position::hash(1);
+        sync_frame.position = Position::from_metres([1.0, 0.0, 0.0]);
+        let position = Position::from_metres([x_m, 0.0, 0.0]).unwrap();
+        SyncFrame { neighbour: Some(AnchorAt { address, position }), ..sync_frame }
+    }
+
+    fn position_of(anchors: &mut AnchorTable, address: u16) -> Option<[f32; 3]> {
+        anchors.get_mut(address)?.position.metres()
+    }
+
+    #[test]
+    fn an_anchor_without_a_slot_is_asked_where_another_one_says_that_it_is() {
+        let mut anchors = AnchorTable::new();
+        anchors.on_sync_frame(1, &introducing(2, 5.0), -75.0);
+        assert_eq!(position_of(&mut anchors, 2), Some([5.0, 0.0, 0.0]));
+        // It takes the last place only, as long as it was not received.
+        (3..6).for_each(|address| anchors.place(address, -75.0, [f32::from(address), 3.0, 0.0]));
+        [1, 3, 4, 5].into_iter().for_each(|address| anchors.asked(address, true));
+        assert_eq!(anchors.choose(3, None)[..2].iter().filter(|address| **address == 2).count(), 0);
+        assert_eq!(anchors.choose(3, None)[2], 2);
+        // It answers: its power is the first one. Then it stays, without further sync frames, for a minute.
+        anchors.receive(2, -80.0);
+        anchors.asked(2, true);
+        assert_eq!(anchors.get_mut(2).map(|anchor| anchor.power_dbm()), Some(-80.0));
+        anchors.advance(600);
+        assert!(anchors.get_mut(1).is_none(), "it has a slot, and is silent");
+        assert_eq!(position_of(&mut anchors, 2), Some([5.0, 0.0, 0.0]));
+        anchors.advance(1);
+        assert!(anchors.get_mut(2).is_none());
+    }
+
+    #[test]
+    fn an_anchor_that_never_answers_waits_longer_and_longer_and_is_forgotten() {
+        let mut anchors = AnchorTable::new();
+        anchors.on_sync_frame(1, &introducing(2, 5.0), -75.0);
+        (3..7).for_each(|address| anchors.place(address, -75.0, [f32::from(address), 3.0, 0.0]));
+        let mut asked = 0;
+        for round in 0..200 {
+            for address in anchors.choose(3, None) {
+                anchors.asked(address, address != 2);
+                asked += u32::from(address == 2);
+            }
+            anchors.on_sync_frame(1, &introducing(2, 5.0), -75.0);
+            (3..7).for_each(|address| assert!(anchors.receive(address, -75.0).is_some()));
+            anchors.advance(1);
+            if anchors.get_mut(2).is_none() {
+                // The others are asked every fourth or fifth round; 4 · (1 + 2 + 4 + 8) = 60.
+                assert!(asked == 4 && (30..100).contains(&round), "asked {asked} times in {round} rounds");
+                return;
+            }
+        }
+        panic!("asked {asked} times");
+    }
+
+    #[test]
+    fn what_another_one_says_moves_no_anchor_that_has_a_slot() {
+        let mut anchors = AnchorTable::new();
+        anchors.on_sync_frame(1, &introducing(1, 9.0), -75.0);
+        assert_eq!(position_of(&mut anchors, 1), Some([1.0, 0.0, 0.0]));
+        // Nor one in a shared slot, once it is known.
+        anchors.on_sync_frame(1, &introducing(2, 5.0), -75.0);
+        anchors.on_sync_frame(1, &introducing(2, 8.0), -75.0);
+        assert_eq!(position_of(&mut anchors, 2), Some([5.0, 0.0, 0.0]));
+        // Who cannot pass anything on is no relay until it says its way again.
+        let relay = Some(Relay { cost: 0, next: 0, taken: 0, entries: Vec::new() });
+        let team: Team = [1].into_iter().collect();
+        anchors.on_sync_frame(1, &SyncFrame { relay, ..introducing(2, 5.0) }, -75.0);
+        assert_eq!(anchors.relays_of(&team, 0)[0], Some(1));
+        anchors.get_mut(1).unwrap().passes_nothing_on();
+        assert_eq!(anchors.relays_of(&team, 0)[0], None);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! How anchors share one time, one coordinator, one plan and one table of leases.
 //!
 //! Each sync frame repeats the coordinator's last message, with its age in superframes (`age`) and the number of hops.
-//! An anchor follows the freshest message. Its clock follows only senders that are nearer to the coordinator. If the
+//! An anchor follows the freshest message. Its clock follows senders that are nearer to the coordinator, or fresher. If the
 //! age exceeds the limit, the coordinator is gone. Then the first anchor whose sync slot comes takes over, with a later
 //! term, the same time and the same list. The anchors after it receive this before their own slot.
 //! [`election`](super::election) decides which of two coordinators is followed, and when. A coordinator that comes back
@@ -10,11 +10,7 @@
 //! Polls that other anchors received count if these anchors report them in sync slots of their own, which they had
 //! before.
 //!
-//! An anchor chooses a sync slot in which no other anchor was received or reported (each sync frame reports whom its
-//! sender receives in which slot). An anchor chooses another slot when a neighbour reports another sender in its slot,
-//! and when no neighbour has reported the anchor itself for long: two anchors that transmit at the same time do not
-//! receive each other, and nobody receives either. (Anchors whose addresses differ by a multiple of 255 look like one in
-//! such reports.)
+//! Who sends in which sync slot is decided by each anchor for itself ([`sync_slot`](super::sync_slot)).
 //!
 //! Every state of an anchor has a way out:
 //!

@@ -176,7 +176,7 @@ fn from_hex(text: &str) -> Vec<u8> {
 }
 
 /// The frames of the wire format's page, whose text says what they contain, and a sync frame by hand.
-const GOLDEN: [&str; 11] = [
+const GOLDEN: [&str; 12] = [
     "30341220 A8010003 02",
     "30010031 00010002 00030020 030080E7 FF",
     "31FE0104 030201FF 67452301",
@@ -190,6 +190,8 @@ const GOLDEN: [&str; 11] = [
     "3C020108 EEF885D1 6B0008",
     "3D040302 01080706 05B0E06C C074A158 7E",
     "3A 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 00 11 09      04030201 1009 08070605 0B0A A8 FAE2EC06 47840B80",
+    "32 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 00 91 00 \
+     3412 18FCFF 020100 B80B00",
 ];
 
 fn golden() -> Vec<Vec<u8>> {
@@ -263,6 +265,9 @@ fn the_dissector_reads_what_the_page_of_the_wire_format_says() {
         leases.join(" "),
         "17 0x0809;0x0809;0x0809;0x0809 0;1;2;3 5;5;5;5 100;100;100;100 99;99;99;99 0;5;0;0 0x0a0b"
     );
+    let fields = ["leased", "neighbour", "x", "y", "z"].map(|field| format!("baliza.{field}"));
+    let introducing = &fields_of(&golden()[11..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];
+    assert_eq!(introducing.join(" "), "17 0x1234 1;-1 -0.001;0.258 8.388;3");
     let fields = ["x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "rho_xy", "rho_yz", "suspect", "rounds_ago"];
     let fields = fields.map(|field| format!("baliza.{field}"));
     let told = &fields_of(&golden()[6..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];
@@ -295,7 +300,7 @@ fn the_dissector_and_the_nodes_agree_on_what_is_no_frame() {
         frames.extend([1, 3].map(|more| [&frame[..], &vec![0; more]].concat()));
         // Every byte of the payload after the code, with each of these values.
         for place in 10..frame.len() {
-            for value in [0, 1, 2, 0x7F, 0x80, 0x81, 0xFF] {
+            for value in [0, 1, 2, 0x41, 0x7F, 0x80, 0x81, 0xFF] {
                 let mut changed = frame.clone();
                 changed[place] = value;
                 frames.push(changed);

@@ -88,3 +88,18 @@ fn tags_that_blink_and_sleep_draw_little() {
     // 0.065 mA in the long run; the first minute, in which it learns how it wakes, takes more. Sending alone takes 0.014.
     assert!(summary.tag_mean_current_ma < Some(0.1), "{summary:?}");
 }
+
+#[test]
+fn two_hundred_anchors_in_twelve_halls_are_one_network() {
+    let text = include_str!("../../../examples/cells.toml").replace("count = 250", "count = 60");
+    let scenario = Scenario::parse(&text).expect("the example");
+    assert_eq!((scenario.networks.len(), scenario.anchors.len(), scenario.tags.len()), (1, 204, 60));
+    let summary = summary(Scenario { seconds: 15.0, ..scenario });
+    // The network settles in three seconds, and each tag asks for a lease a few times. Before anchors without a sync slot
+    // gave way to those with one, 16 of 60 joined in this time.
+    assert!(summary.tags_joined == 60, "{summary:?}");
+    assert!(summary.slots_with_fix > Some(0.95), "{summary:?}");
+    // They find their positions by more anchors than those with sync slots. A hall of 16 has a P90 of 0.2 m, and walls
+    // lengthen ranges.
+    assert!(summary.p90_m < Some(0.6), "{summary:?}");
+}

@@ -171,6 +171,7 @@ fn sync_frame(slot: u8) -> FrameBuffer {
         position: None,
         leased: 0,
         relay: None,
+        neighbour: None,
         leases: Default::default(),
         polls: Default::default(),
         members: [Member { tag: TAG, share: Share::Greedy }].into_iter().collect(),
