@@ -155,6 +155,7 @@ impl AnchorTable {
 
     /// An anchor has said where another one is, which has no slot of its own. The tag asks it if it has room for it: it
     /// counts as one in a shared slot does.
+    #[cold]
     fn introduce(&mut self, AnchorAt { address, position }: &AnchorAt) {
         if self.get_mut(*address).is_none() {
             // There may be no room.
@@ -199,9 +200,10 @@ impl AnchorTable {
         };
         let anchor = self.anchors.get_mut(place)?;
         if power_dbm.is_finite() {
-            let former_dbm = if anchor.is_heard { anchor.power_dbm } else { power_dbm };
-            anchor.power_dbm = former_dbm + SMOOTHING * (power_dbm - former_dbm);
-            anchor.is_heard = true;
+            if !anchor.is_heard {
+                (anchor.power_dbm, anchor.is_heard) = (power_dbm, true);
+            }
+            anchor.power_dbm += SMOOTHING * (power_dbm - anchor.power_dbm);
         }
         anchor.unheard = 0;
         Some(anchor)
@@ -312,6 +314,7 @@ impl AnchorTable {
 }
 
 impl Neighbour {
+    #[cold]
     fn new(address: u16, power_dbm: f32) -> Self {
         Self {
             address,
@@ -331,6 +334,7 @@ impl Neighbour {
     }
 
     /// It cannot pass on what polls carry, until it says otherwise.
+    #[cold]
     pub fn passes_nothing_on(&mut self) {
         self.cost = None;
     }

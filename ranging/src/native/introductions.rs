@@ -30,8 +30,12 @@ impl Introductions {
     }
 
     /// A sync frame of the same network came.
+    #[inline(never)]
     pub fn receive(&mut self, source: u16, sync_frame: &SyncFrame) {
         let number = sync_frame.superframe;
+        if usize::from(sync_frame.slot) < OWNED_SYNC_SLOTS && self.known.is_empty() {
+            return;
+        }
         self.known.retain(|(anchor, heard)| {
             anchor.address != source && SerialNumber(number).steps_from(*heard) <= FORGOTTEN_AFTER
         });
@@ -46,11 +50,16 @@ impl Introductions {
     }
 
     /// Puts one of them into a sync frame of the anchor with this address, now and then, if there is room.
+    #[inline(never)]
     pub fn fill(&mut self, address: u16, sync_frame: &mut SyncFrame) {
-        if sync_frame.room() < AnchorAt::BYTES || spread(address, sync_frame.superframe, EVERY) > 0 {
+        // Most anchors know none.
+        if self.known.is_empty()
+            || spread(address, sync_frame.superframe, EVERY) > 0
+            || sync_frame.room() < AnchorAt::BYTES
+        {
             return;
         }
-        self.turn = (self.turn + 1).checked_rem(self.known.len()).unwrap_or(0);
+        self.turn = (self.turn + 1) % self.known.len();
         sync_frame.neighbour = self.known.get(self.turn).map(|(anchor, _)| *anchor);
     }
 }

@@ -22,6 +22,8 @@ const LEAD_MARGIN: RadioDuration = RadioDuration::from_micros(60);
 /// … and this fraction of the duration. To the time until the receiver is on again, or until a frame was processed,
 /// only this is added: if the receiver is slightly late for a frame, it has lost only some symbols of the preamble.
 const MARGIN_SHARE: i64 = 8;
+/// To the time until a response was processed this is added: the radio's second buffer holds the next one meanwhile.
+const READING_MARGIN_SHARE: i64 = 16;
 /// The estimate sinks by this fraction of its distance to a shorter sample …
 const DECAY: i64 = 64;
 /// … and rises by at most this fraction of itself for a longer one, …
@@ -240,7 +242,8 @@ impl Meter {
                 let listen_again = measured(&self.listen_again, self.listen_again.with_share());
                 // Unless a response was awaited, there is no gap to request.
                 let is_known = self.next > RadioDuration::ZERO;
-                let gap = RadioDuration::from_ticks(self.reading.with_share().ticks() - self.next.ticks());
+                let reading = self.reading.ticks + self.reading.ticks / READING_MARGIN_SHARE;
+                let gap = RadioDuration::from_ticks(reading - self.next.ticks());
                 let gap = if is_known { Span::at_least(gap) } else { Span::default() };
                 [measured(answer, answer.with_margin()), listen_again.max(gap)]
             }

@@ -278,7 +278,8 @@ impl RoundState {
             anchors.refused.off_slot = anchors.refused.off_slot.saturating_add(1);
             return None;
         }
-        let diagnostics = frame.diagnostics;
+        // Each copy of it takes some dozens of instructions.
+        let diagnostics = &frame.diagnostics;
         let anchor = anchors.receive(source, diagnostics.rx_power_dbm)?;
         if !anchor.compare_clocks(self.poll_tx, response.poll_rx, diagnostics.clock_offset_ppm) {
             anchors.refused.carriers = anchors.refused.carriers.saturating_add(1);
@@ -296,16 +297,26 @@ impl RoundState {
         let stamps = 2.0 * STAMP_DEVIATION_TICKS * STAMP_DEVIATION_TICKS;
         let variance = stamps + reply * reply * anchor.clock.rate_variance();
         let deviation_m = 0.5 * METRES_PER_TICK as f32 * Real::sqrt(variance);
-        let range = Range { peer: source, distance_m, deviation_m, position_m: anchor.position.metres(), diagnostics };
-        let distance_m = match response.last_final.and_then(|heard| self.former.complete(source, heard)) {
+        let told_m = match response.last_final.and_then(|heard| self.former.complete(source, heard)) {
             Some(complete_m) => complete_m,
             None => distance_m,
         };
-        anchor.distance_m = Some(distance_m);
-        let answer = Answer { round1, reply1: response.reply, rx_time: frame.rx_time, bias_m, range };
+        anchor.distance_m = Some(told_m);
         // At most one for each slot: it fits.
-        let _ = self.answers.push(answer);
-        Some(distance_m)
+        let _ = self.answers.push(Answer {
+            round1,
+            reply1: response.reply,
+            rx_time: frame.rx_time,
+            bias_m,
+            range: Range {
+                peer: source,
+                distance_m,
+                deviation_m,
+                position_m: anchor.position.metres(),
+                diagnostics: *diagnostics,
+            },
+        });
+        Some(told_m)
     }
 
     /// The next action while responses are awaited, the last frame having ended at `ended`: more listening, or `None`

@@ -188,12 +188,16 @@ impl Superframes {
         let told = Moment::of_sync_frame(sync_frame).zip(self.moment());
         let Some((told, own)) = told.filter(|(told, own)| told.session == own.session) else { return false };
         let behind = own.superframe.wrapping_sub(told.superframe) as i32;
-        // With another layout it came at another time.
-        if behind < 0 || sync_frame.layout != self.timing.layout {
+        // With another layout it came at another time. As long as that is only announced, the one before is in force.
+        let is_announced = sync_frame.layout_is_new && sync_frame.countdown > 0;
+        let timing = match is_announced || sync_frame.layout == self.timing.layout {
+            true => self.timing,
+            false => Timing::of(&self.network, sync_frame.layout),
+        };
+        if behind < 0 || timing.superframe != self.timing.superframe {
             return false;
         }
-        let sent =
-            self.timing.sync_frame(sync_frame.slot.into()).ticks() - i64::from(behind) * self.timing.superframe.ticks();
+        let sent = timing.sync_frame(sync_frame.slot.into()).ticks() - i64::from(behind) * timing.superframe.ticks();
         let late = rx_time.since(self.phase.at(RadioDuration::from_ticks(sent))).ticks();
         behind > LONG_AGO || late > self.timing.guard.ticks().saturating_add(uncertainty.ticks())
     }
@@ -225,6 +229,7 @@ impl Superframes {
 mod tests {
     use super::*;
     use crate::PhyConfig;
+    use wire::uwb::layout::Span;
 
     #[test]
     fn the_number_of_a_superframe_goes_on_after_65535_in_a_session() {
@@ -284,6 +289,16 @@ mod tests {
         // The guard is 3 · 100 ms · 40 ppm and 3 µs: 15 µs.
         assert_eq!([-500, 24, 26, 500].map(|micros| is_delayed(micros, &told(18, 7))), [false, false, true, true]);
         assert!(!is_delayed(500, &told(18, 8)) && !is_delayed(500, &told(21, 7)));
+        // With another layout, of which superframes last as long or longer, slot 1 begins later. One that is only announced
+        // is not in force yet.
+        let later = Span::at_least(RadioDuration::from_micros(300));
+        for (answer, countdown, expected) in
+            [(later, 0, [false, true]), (Span::LONGEST, 0, [false; 2]), (Span::LONGEST, 3, [true; 2])]
+        {
+            let layout = Layout { answer, ..Layout::LEAST };
+            let other = SyncFrame { layout, layout_is_new: true, countdown, ..told(18, 7) };
+            assert_eq!([100, 500].map(|micros| is_delayed(micros, &other)), expected, "{countdown}");
+        }
         assert!(!is_delayed(500, &SyncFrame { session: None, ..told(18, 7) }));
         // Of 4.1 s ago, whatever the time.
         (0..31).for_each(|_| course.next());

@@ -57,8 +57,10 @@ pub struct SyncSlot {
     told: Owners,
     /// Without a slot of its own, the anchor sends in one superframe of this many.
     shared_every: u16,
-    /// The others that were received in shared slots, now and in the time before, by hashes of their addresses.
-    others: [u128; 2],
+    /// The others that were received in shared slots in this time, by hashes of their addresses.
+    others: [u8; 16],
+    /// How many these are, and how many they were in the time before.
+    count: [u16; 2],
     /// Superframes of this time.
     counted: u16,
 }
@@ -77,7 +79,8 @@ impl SyncSlot {
             heard: [(0, 0); OWNED_SYNC_SLOTS],
             told: [(0, 0); OWNED_SYNC_SLOTS],
             shared_every: FIRST_SHARED_EVERY,
-            others: [0; 2],
+            others: [0; 16],
+            count: [0; 2],
             counted: 0,
         }
     }
@@ -97,10 +100,16 @@ impl SyncSlot {
     }
 
     /// A sync frame of the same network came.
+    #[inline(never)]
     pub fn receive(&mut self, source: u16, sync_frame: &SyncFrame) {
         match self.heard.get_mut(usize::from(sync_frame.slot)) {
             Some(owner) => *owner = (hash(source), 0),
-            None => self.others[0] |= 1 << spread(source, 0, u128::BITS as u16),
+            None => {
+                let bit = spread(source, 0, 128);
+                let byte = &mut self.others[usize::from(bit / 8)];
+                self.count[0] += u16::from(*byte >> (bit % 8) & 1 == 0);
+                *byte |= 1 << (bit % 8);
+            }
         }
         for (told, &owner) in self.told.iter_mut().zip(&sync_frame.slot_owners) {
             if owner != 0 {
@@ -117,6 +126,11 @@ impl SyncSlot {
         if self.is_contested && self.tenure < SETTLED && !self.is_needed {
             self.leave();
         }
+    }
+
+    fn gives_way(&self, number: u16) -> bool {
+        let least = if self.is_needed { CONTESTED + NEEDED } else { CONTESTED };
+        self.contested >= least && u16::from(self.contested - least) >= spread(self.address, number, CONTESTED.into())
     }
 
     fn leave(&mut self) {
@@ -152,20 +166,18 @@ impl SyncSlot {
                 *owner = 0;
             }
         }
-        let others = self.others.map(u128::count_ones).into_iter().max().unwrap_or(0) as u16;
+        let others = self.count[0].max(self.count[1]);
         let first = FIRST_SHARED_EVERY.checked_shr((listened / FIRST_SHARED_EVERY).into()).unwrap_or(0);
         self.shared_every = (others + others / 3).max(first).max(SHARED_EVERY);
         self.counted = self.counted.saturating_add(begun);
         if self.counted >= COUNTED {
-            (self.others, self.counted) = ([0, self.others[0]], 0);
+            (self.others, self.count, self.counted) = ([0; 16], [0, self.count[0]], 0);
         }
         self.tenure = self.tenure.saturating_add(superframes);
         self.unconfirmed = if self.has_neighbours() { self.unconfirmed.saturating_add(superframes) } else { 0 };
         let was_contested = core::mem::take(&mut self.is_contested);
         self.contested = if was_contested { self.contested + 1 } else { self.contested.saturating_sub(superframes) };
-        let most = CONTESTED + spread(self.address, number, CONTESTED.into()) as u8;
-        let most = if self.is_needed { most + NEEDED } else { most };
-        if self.own.is_some() && (self.unconfirmed > UNCONFIRMED || self.contested >= most) {
+        if self.own.is_some() && (self.unconfirmed > UNCONFIRMED || self.gives_way(number)) {
             self.leave();
         }
         if self.own.is_none() && listened > 1 {

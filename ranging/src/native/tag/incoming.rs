@@ -36,7 +36,9 @@ impl Tag {
                     if response.has_message {
                         self.watch.expect(told.source);
                     }
-                    if let Some(anchor) = self.anchors.get_mut(told.source).filter(|_| response.passes_nothing_on) {
+                    if response.passes_nothing_on
+                        && let Some(anchor) = self.anchors.get_mut(told.source)
+                    {
                         anchor.passes_nothing_on();
                     }
                     network.lease.answered(response.lease, phase.number);

@@ -236,7 +236,7 @@ impl Response {
     #[inline]
     fn parse(mut reader: Reader<'_>) -> Result<Self, FrameError> {
         let [round, lease] = reader.take()?;
-        let [has_message, passes_nothing_on] = [HAS_MESSAGE, PASSES_NOTHING_ON].map(|bit| lease & bit != 0);
+        let (has_message, passes_nothing_on) = (lease & HAS_MESSAGE != 0, lease & PASSES_NOTHING_ON != 0);
         let lease = Confirmation::from_code(lease & !(HAS_MESSAGE | PASSES_NOTHING_ON))?;
         let poll_rx = RadioInstant::from_le_bytes(reader.take()?);
         let reply = RadioDuration::from_ticks(reader.u32()?.into());
@@ -250,8 +250,7 @@ impl Response {
 
     #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
-        let marks = [(self.has_message, HAS_MESSAGE), (self.passes_nothing_on, PASSES_NOTHING_ON)];
-        let marks: u8 = marks.iter().filter(|(is_set, _)| *is_set).map(|(_, bit)| bit).sum();
+        let marks = u8::from(self.has_message) * HAS_MESSAGE | u8::from(self.passes_nothing_on) * PASSES_NOTHING_ON;
         out.put(&[RESPONSE, self.round, self.lease as u8 | marks]);
         out.put(&self.poll_rx.to_le_bytes());
         out.put(&(self.reply.ticks() as u32).to_le_bytes());
