@@ -250,7 +250,7 @@ impl Response {
 
     #[inline]
     fn emit(&self, out: &mut FrameBuffer) {
-        let marks = u8::from(self.has_message) * HAS_MESSAGE | u8::from(self.passes_nothing_on) * PASSES_NOTHING_ON;
+        let marks = (u8::from(self.has_message) * HAS_MESSAGE) | (u8::from(self.passes_nothing_on) * PASSES_NOTHING_ON);
         out.put(&[RESPONSE, self.round, self.lease as u8 | marks]);
         out.put(&self.poll_rx.to_le_bytes());
         out.put(&(self.reply.ticks() as u32).to_le_bytes());
