@@ -288,14 +288,14 @@ mod tests {
     }
 
     #[test]
-    fn who_listens_again_late_asks_for_an_eighth_more_and_who_reads_long_for_the_rest_of_that() {
+    fn who_listens_again_late_asks_for_an_eighth_more_and_who_reads_long_for_a_sixteenth_more() {
         let mut meter = Meter::new(None);
         meter.listened(us(64));
         // 64 + 8 = 72 µs = (16 + 2) · 2².
         assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(72));
-        // A frame takes 320 µs, and the next one lasts 230: 320 + 40 − 230 = 130; the next span is (16 + 1) · 2³ = 136.
+        // A frame takes 320 µs, and the next one lasts 230: 320 + 20 − 230 = 110; the next span is (16 + 12) · 2² = 112.
         (0..4).for_each(|_| meter.dealt_with(us(320), us(230)));
-        assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(136));
+        assert_eq!(meter.wish(Scheme::SingleSided).listen_again.duration(), us(112));
     }
 
     /// What a node requests for its answers after these samples of microseconds.
@@ -345,13 +345,13 @@ mod tests {
         // A response may take half of this sync frame's 500 µs, which is assumed anyway.
         meter.dealt_with_other(us(500), us(180));
         assert_eq!(gap(&meter), Span::default());
-        // 800 · 9/8 − 180 = 720 µs; the next span is (16 + 7) · 2⁵ = 736.
+        // 800 · 17/16 − 180 = 670 µs; the next span is (16 + 5) · 2⁵ = 672.
         meter.dealt_with_other(us(800), us(180));
-        assert_eq!(gap(&meter).duration(), us(736));
-        // The first response counts instead: 600 · 9/8 − 180 = 495; 496 = (16 + 15) · 2⁴.
+        assert_eq!(gap(&meter).duration(), us(672));
+        // The first response counts instead: 600 · 17/16 − 180 = 457.5; 464 = (16 + 13) · 2⁴.
         meter.dealt_with(us(600), us(180));
         meter.dealt_with_other(us(800), us(180));
-        assert_eq!(gap(&meter).duration(), us(496));
+        assert_eq!(gap(&meter).duration(), us(464));
     }
 
     #[test]
