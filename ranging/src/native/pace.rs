@@ -19,8 +19,8 @@ const MARGIN: RadioDuration = RadioDuration::from_micros(30);
 /// … and for the node's own transmissions also an interrupt of a Bluetooth controller (40 µs): a longer lead costs nobody
 /// else. Added is this, …
 const LEAD_MARGIN: RadioDuration = RadioDuration::from_micros(60);
-/// … and this fraction of the duration. To the time until the receiver is on again, or until a frame was processed,
-/// only this is added: if the receiver is slightly late for a frame, it has lost only some symbols of the preamble.
+/// … and this fraction of the duration. To the time until the receiver is on again only this is added: if it is slightly
+/// late for a frame, it has lost only some symbols of the preamble.
 const MARGIN_SHARE: i64 = 8;
 /// To the time until a response was processed this is added: the radio's second buffer holds the next one meanwhile.
 const READING_MARGIN_SHARE: i64 = 16;

@@ -21,15 +21,15 @@ const SLOT_LEFT: u8 = 5;
 const UNCONFIRMED: u8 = 20;
 /// An anchor that has had its slot for this many superframes …
 const SETTLED: u8 = 20;
-/// … leaves it when others were reported in it in so many superframes more than not, or in up to as many more.
+/// … leaves it when superframes with reports of others in it outnumber the rest by this, or by up to seven.
 const CONTESTED: u8 = 4;
-/// One that others need stays longer than others, by so many.
+/// One that others need stays longer, by this many superframes.
 const NEEDED: u8 = 12;
 /// If fewer slots are free, an anchor takes one only in a superframe in which it would send in a shared slot: if all that wait
 /// took the next free one, none would get it.
 const MANY_FREE: u16 = 4;
-/// Without a slot of its own, an anchor sends in one superframe of this many at most, and at first seldom: half as seldom
-/// after each so many superframes.
+/// Without a slot of its own, an anchor sends in one superframe of this many at most. At first it sends in one of
+/// [`FIRST_SHARED_EVERY`], and twice as often after each further 32 superframes.
 const SHARED_EVERY: u16 = 4;
 const FIRST_SHARED_EVERY: u16 = 32;
 /// Others in shared slots are counted for this many superframes.
@@ -235,7 +235,7 @@ mod tests {
         sync_frame
     }
 
-    /// An anchor in its slot, which neighbours have confirmed for so many superframes.
+    /// An anchor in its slot, which neighbours have confirmed for this many superframes.
     fn after(superframes: u16, is_needed: bool) -> (SyncSlot, u8) {
         let mut anchor = SyncSlot::new(3);
         anchor.is_needed = is_needed;
