@@ -296,7 +296,8 @@ impl ProtocolCosts {
                     }
                     Message::Response(_) if reports_round => self.round_ended,
                     Message::Response(_) => self.response_received,
-                    Message::SyncFrame(sync_frame) => self.beacon_received + self.relaying(&sync_frame),
+                    Message::SyncFrame(sync_frame) => self.beacon_received + self.in_sync_frame(&sync_frame),
+                    Message::RelayFrame(frame) => self.overheard + self.relaying(frame.entries.len()),
                     Message::Request(_) | Message::Final { .. } | Message::Challenge(_) => self.beacon_received,
                 },
                 Err(_) if sent.is_some() => self.poll_answered,
@@ -310,7 +311,8 @@ impl ProtocolCosts {
             | Event::Late
             | Event::Woken
             | Event::Reported => match sent {
-                Some(Some(Message::SyncFrame(sync_frame))) => self.beacon_made + self.relaying(&sync_frame),
+                Some(Some(Message::SyncFrame(sync_frame))) => self.beacon_made + self.in_sync_frame(&sync_frame),
+                Some(Some(Message::RelayFrame(frame))) => self.poll_made + self.relaying(frame.entries.len()),
                 Some(_) => self.poll_made,
                 None => self.scheduled,
             },
@@ -319,10 +321,14 @@ impl ProtocolCosts {
 }
 
 impl ProtocolCosts {
-    /// What the relayed entries of a sync frame cost, to take them or to make them. Each has less to do than a poll that is
-    /// overheard, and counts as one.
-    fn relaying(&self, sync_frame: &SyncFrame) -> u32 {
-        self.overheard * sync_frame.relay.as_ref().map_or(0, |relay| relay.entries.len() as u32)
+    /// What relayed entries cost, to take them or to make them. Each has less to do than a poll that is overheard, and counts
+    /// as one.
+    fn relaying(&self, entries: usize) -> u32 {
+        self.overheard * entries as u32
+    }
+
+    fn in_sync_frame(&self, sync_frame: &SyncFrame) -> u32 {
+        self.relaying(sync_frame.relay.as_ref().map_or(0, |relay| relay.entries.len()))
     }
 }
 

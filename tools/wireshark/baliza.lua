@@ -14,6 +14,7 @@ local MAX_MEMBERS = 16
 local MAX_LEASES = 10
 local MAX_POLLS = 6
 local MAX_RELAYED = 2
+local MAX_IN_RELAY_FRAME = 4
 local MAX_PERIOD = 5000 -- superframes
 local MAX_BLINKS = 7
 local WITH_CODE = 8 -- in a native message's code
@@ -77,7 +78,9 @@ field(ProtoField.bool, "answer", "Answers a message", 8, nil, 0x80)
 field(ProtoField.uint8, "rounds_ago", "Measured this many rounds ago", base.DEC, nil, 0x7F)
 field(ProtoField.bool, "passes_request_on", "Passes a request on", 8, nil, 0x80)
 field(ProtoField.uint8, "members", "Members", base.DEC, nil, 0x1F)
-field(ProtoField.uint8, "leased", "Leased round slots", base.DEC, nil, 0x7F)
+field(ProtoField.uint8, "leased", "Leased round slots", base.DEC, nil, 0x3F)
+field(ProtoField.bool, "has_relay_slots", "Has relay slots", 8, nil, 0x40)
+field(ProtoField.bool, "wish.relay_slots", "Requests relay slots")
 field(ProtoField.bool, "has_neighbour", "Says where another anchor is", 8, nil, 0x80)
 field(ProtoField.uint16, "neighbour", "Another anchor", base.HEX)
 field(ProtoField.uint8, "leases", "Leases", base.DEC, nil, 0xF0)
@@ -96,6 +99,8 @@ field(ProtoField.uint16, "polled_by", "Poll of tag", base.HEX)
 field(ProtoField.uint8, "gateway.cost", "Cost of the way to a gateway")
 field(ProtoField.uint8, "gateway.next", "Sync slot of the next anchor")
 field(ProtoField.uint16, "gateway.taken", "Slots whose entries were taken", base.HEX)
+field(ProtoField.uint16, "gateway.taken_frames", "Slots whose relay frames were taken", base.HEX)
+field(ProtoField.uint64, "gateway.heard", "Round slots with a poll that it received", base.HEX)
 field(ProtoField.uint16, "relayed", "Relayed from tag", base.HEX)
 field(ProtoField.double, "relayed.at", "Received in superframe, modulo 256")
 field(ProtoField.uint8, "relayed.asked", "Anchors asked", base.DEC, nil, 0x0F)
@@ -338,9 +343,10 @@ local function add_passed_on(tree, range, is_for_slots)
     if is_for_slots then
         add_member(tree, f.requested_by, range)
         return
-    elseif range(2, 1):uint() ~= 0 then
-        error("a request's third byte is not zero", 0)
+    elseif range(2, 1):uint() > 1 then
+        error("a request's third byte is not 0 or 1", 0)
     end
+    tree:add(f.wish_relay_slots, range(2, 1))
     tree:add(f.wish_answer, range(0, 1), span_us(range(0, 1):uint() % 128))
     add_tag_byte(tree, range(1, 1), "wish")
 end
@@ -397,14 +403,21 @@ local function add_relayed(tree, reader)
 end
 
 -- The way to a gateway, and how many entries there are.
-local function add_relay(tree, reader, entries)
-    tree:add(f.gateway_cost, reader:take(1))
+local function add_relay(tree, reader, entries, has_relay_slots)
+    local cost = reader:take(1)
+    tree:add(f.gateway_cost, cost)
     local next = reader:take(1)
     tree:add(f.gateway_next, next)
     if next:uint() >= 16 then
         error("a next anchor in slot " .. next:uint(), 0)
     end
     tree:add_le(f.gateway_taken, reader:take(2))
+    if has_relay_slots then
+        tree:add_le(f.gateway_taken_frames, reader:take(2))
+    end
+    if cost:uint() == 0 then
+        tree:add_le(f.gateway_heard, reader:take(8))
+    end
     if entries > MAX_RELAYED then
         error("more than " .. MAX_RELAYED .. " relayed entries", 0)
     end
@@ -439,6 +452,7 @@ local function sync_frame(tree, reader, has_code)
     tree:add(f.members, count)
     tree:add(f.leased, leased)
     tree:add(f.has_neighbour, leased)
+    tree:add(f.has_relay_slots, leased)
     tree:add(f.leases, entries)
     tree:add(f.polls, entries)
     local polls = entries:uint() % 16
@@ -453,7 +467,7 @@ local function sync_frame(tree, reader, has_code)
     end
     local relays = math.floor(count:uint() / 32) % 4
     if relays > 0 then
-        add_relay(tree, reader, relays - 1)
+        add_relay(tree, reader, relays - 1, leased:uint() % 128 >= 64)
     end
     if leased:uint() >= 128 then
         local branch = tree:add_le(f.neighbour, reader:take(2))
@@ -495,6 +509,15 @@ local function sync_frame(tree, reader, has_code)
     return " of superframe " .. superframe:le_uint()
 end
 
+local function relay_frame(tree, reader)
+    for _ = 1, MAX_IN_RELAY_FRAME do
+        add_relayed(tree, reader)
+        if reader:left() == 0 then
+            break
+        end
+    end
+end
+
 local function request(tree, reader)
     local share = reader:take(1)
     add_share(tree, share)
@@ -522,6 +545,7 @@ local NATIVE = {
     [0x33] = { "Request", request },
     [0x34] = { "Final", final },
     [0x35] = { "Challenge", challenge },
+    [0x36] = { "Relay frame", relay_frame },
 }
 
 local function add_delay(tree, which, range)

@@ -161,7 +161,7 @@ impl AnchorRounds {
         network.request(leases, Member { tag: address, share }, false);
         let is_turn = number.wrapping_add(address).is_multiple_of(every);
         self.owned = match network.course.membership.in_force() {
-            Some(plan) if is_turn => plan.owned_slots(address, number, timing.round_slots),
+            Some(plan) if is_turn => plan.owned_slots(address, number, &timing),
             Some(_) | None => 0,
         };
     }

@@ -143,7 +143,8 @@ impl AnchorTable {
         let Some(anchor) = self.receive(source, power_dbm) else { return };
         anchor.has_slot = is_own_slot;
         if is_own_slot {
-            anchor.cost = sync_frame.relay.as_ref().map(|relay| relay.cost);
+            let takes = |relay: &&Relay| relay.taken >> sync_frame.slot & 1 == 0;
+            anchor.cost = sync_frame.relay.as_ref().filter(takes).map(|relay| relay.cost);
         }
         if !anchor.position.receive(sync_frame.position, is_own_slot) {
             self.refused.positions = self.refused.positions.saturating_add(1);
@@ -253,7 +254,8 @@ impl AnchorTable {
         self.anchors.iter_mut().for_each(|anchor| anchor.clock.sleep(seconds));
     }
 
-    /// The anchors to ask, at most `places`, as seen from `tag_m` if that is known.
+    /// The anchors to ask, at most `places`, as seen from `tag_m` if that is known. One of them knows a way to a gateway, if
+    /// any does.
     pub fn choose(&self, places: usize, tag_m: Option<[f32; 3]>) -> Team {
         let places = places.min(MAX_ROUND);
         let mut team = Team::new();
@@ -265,11 +267,15 @@ impl AnchorTable {
             return team;
         }
         let mut information = Information::none();
+        let mut lacks_relay = self.anchors.iter().any(|anchor| anchor.cost.is_some());
         while team.len() + 1 < places {
+            let must_relay = lacks_relay && team.len() + 2 == places;
             let candidates = self.anchors.iter().filter(|anchor| !team.contains(&anchor.address));
+            let candidates = candidates.filter(|anchor| !must_relay || anchor.cost.is_some());
             let gain = |anchor: &&Neighbour| information.gain(anchor.weight(), anchor.direction_from(tag_m));
             let Some(best) = candidates.max_by(|a, b| gain(a).total_cmp(&gain(b))) else { break };
             information.add(best.weight(), best.direction_from(tag_m));
+            lacks_relay &= best.cost.is_none();
             let _ = team.push(best.address);
         }
         let others = self.anchors.iter().filter(|anchor| !team.contains(&anchor.address));
@@ -437,6 +443,24 @@ mod tests {
     }
 
     #[test]
+    fn one_of_those_asked_knows_a_way_to_a_gateway() {
+        let mut anchors = AnchorTable::new();
+        for address in 1..=9 {
+            anchors.place(address, -75.0, [f32::from(address), f32::from(address % 3), 1.0]);
+        }
+        // The weakest one.
+        anchors.place(10, -95.0, [5.0, 1.0, 1.0]);
+        let knows = |team: &Team| team[..3].contains(&10);
+        assert!(!knows(&anchors.choose(4, Some([5.0, 5.0, 1.0]))));
+        anchors.get_mut(10).unwrap().cost = Some(8);
+        let team = anchors.choose(4, Some([5.0, 5.0, 1.0]));
+        assert_eq!((team.len(), knows(&team)), (4, true), "{team:?}");
+        // Another one that is chosen anyway is enough.
+        anchors.get_mut(team[0]).unwrap().cost = Some(8);
+        assert!(!knows(&anchors.choose(4, Some([5.0, 5.0, 1.0]))));
+    }
+
+    #[test]
     fn the_last_place_goes_round() {
         let mut anchors = AnchorTable::new();
         for address in 1..=7 {
@@ -527,7 +551,7 @@ mod tests {
         anchors.on_sync_frame(1, &introducing(2, 8.0), -75.0);
         assert_eq!(position_of(&mut anchors, 2), Some([5.0, 0.0, 0.0]));
         // Who cannot pass anything on is no relay until it says its way again.
-        let relay = Some(Relay { cost: 0, next: 0, taken: 0, entries: Vec::new() });
+        let relay = Some(Relay { cost: 0, next: 0, taken: 0, taken_frames: 0, heard: 0, entries: Vec::new() });
         let team: Team = [1].into_iter().collect();
         anchors.on_sync_frame(1, &SyncFrame { relay, ..introducing(2, 5.0) }, -75.0);
         assert_eq!(anchors.relays_of(&team, 0)[0], Some(1));
@@ -558,7 +582,16 @@ mod tests {
     #[test]
     fn what_polls_carry_goes_to_an_anchor_that_answers_near_to_a_gateway() {
         use super::super::anchor_position::hash;
-        let relay = |hops: u8| Some(Relay { cost: hops * Relay::HOP + 3, next: 0, taken: 0, entries: Vec::new() });
+        let relay = |hops: u8| {
+            Some(Relay {
+                cost: hops * Relay::HOP + 3,
+                next: 0,
+                taken: 0,
+                taken_frames: 0,
+                heard: 0,
+                entries: Vec::new(),
+            })
+        };
         // In a slot of the anchor's own.
         let own = |address, relay| SyncFrame {
             slot: 0,

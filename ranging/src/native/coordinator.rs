@@ -30,6 +30,7 @@ use super::enrolment::Enrolment;
 use super::introductions::Introductions;
 use super::layout_requests::LayoutRequests;
 use super::leases::Leases;
+use super::plan::Slots;
 use super::superframes::Superframes;
 use super::sync_slot::SyncSlot;
 use super::timing::{HOLDOVER_SUPERFRAMES, Network, Timing};
@@ -237,6 +238,9 @@ impl Coordinator {
         if is_known_relay {
             leases.on_passed_polls(sync_frame, self.coordinates());
             self.wishes.note(sync_frame.wish);
+            if sync_frame.wishes_relay_slots {
+                self.wishes.note_relay_slots();
+            }
         }
     }
 
@@ -281,7 +285,7 @@ impl Coordinator {
         self.wish(tag, wish);
         let Some((number, slot)) = self.course.round_slot_at(pulse) else { return Confirmation::None };
         // Members poll in slots that are not leased. A forged request may have listed a tag that has a lease.
-        if self.course.membership.in_force().is_none_or(|plan| slot >= plan.leased) {
+        if self.course.membership.in_force().is_none_or(|plan| slot >= plan.slots.leased) {
             self.on_tag(tag);
         }
         leases.on_poll(tag, (slot, poll.part.unwrap_or(0)), wish.tag_byte(), number, self.coordinates())
@@ -296,7 +300,7 @@ impl Coordinator {
         self.wishes.advance(begun);
         self.wishes.keep(self.course.membership.members());
         self.wishes.note(leases.wish());
-        leases.look_over(self.course.phase.number, self.course.membership.newest().leased);
+        leases.look_over(self.course.phase.number, self.course.membership.newest().slots.leased);
         self.listened = self.listened.saturating_add(begun);
         self.election.advance(begun);
         if self.coordinates() {
@@ -313,14 +317,15 @@ impl Coordinator {
         let before = membership.layout();
         let layout = self.wishes.better_than(before).unwrap_or(before);
         let heard = core::mem::take(&mut self.heard_members);
-        let round_slots =
-            if layout == timing.layout { timing.round_slots } else { Timing::of(network, layout).round_slots };
+        let relays = self.wishes.needs_relay_slots();
+        let next = if layout == timing.layout { *timing } else { Timing::of(network, layout) };
+        let round_slots = next.tag_slots(relays);
         self.enrolment.take_leases(|tag, turns| leases.request(tag, turns, phase.number, true));
         let others_use_them = !membership.members().is_empty() || self.enrolment.is_awaited();
         let most = leases.most_slots(round_slots, others_use_them);
         leases.grant(phase.number, membership.leased().unwrap_or(0), most);
-        let leased = leases.wanted_slots(membership.newest().leased, most, others_use_them);
-        self.enrolment.renew(membership, leased, layout, heard, begun, phase.number);
+        let leased = leases.wanted_slots(membership.newest().slots.leased, most, others_use_them);
+        self.enrolment.renew(membership, Slots { layout, leased, relays }, heard, begun, phase.number);
         if membership.layout() != before {
             self.wishes.adopted();
         }
@@ -357,6 +362,13 @@ impl Coordinator {
         self.told = if self.late.replace(number) == Some(number) { Some(number) } else { None };
     }
 
+    /// From the superframe's beginning to the first pulse of this anchor's relay frame, if there are relay slots.
+    pub fn relay_pulse(&self) -> Option<RadioDuration> {
+        let Superframes { timing, phase, .. } = &self.course;
+        let slot = self.slot.own().filter(|_| self.course.has_relay_slots())?;
+        timing.relay_pulse(phase.number, slot)
+    }
+
     /// The sync frame for a slot, to be sent now; and whether this anchor has just become coordinator. `wish` is what
     /// this anchor itself requests of the layout, `answer` the number of a challenge.
     pub fn compose(
@@ -369,6 +381,9 @@ impl Coordinator {
     ) -> (SyncFrame, bool) {
         self.skip();
         self.wishes.note(wish);
+        if uplink.wants_relay_slots() {
+            self.wishes.note_relay_slots();
+        }
         let gone = COORDINATOR_GONE.saturating_add(self.election.hops.saturating_mul(2));
         let takes_over = !self.coordinates() && self.election.age > gone.min(u8::MAX - 1);
         if takes_over {
@@ -379,7 +394,7 @@ impl Coordinator {
             (None, self.heard_members)
         } else {
             // Requests of slots and requests of the layout take turns.
-            let passes_request_on = self.course.phase.number.is_multiple_of(2) || self.wishes.all() == Layout::LEAST;
+            let passes_request_on = self.course.phase.number.is_multiple_of(2) || !self.wishes.has_any();
             let request =
                 if passes_request_on { self.enrolment.pass_on(self.address, self.course.phase.number) } else { None };
             let heard = self.heard_members;
@@ -402,13 +417,15 @@ impl Coordinator {
             slot_owners: self.slot.owners(),
             request,
             wish: self.wishes.all(),
+            wishes_relay_slots: request.is_none() && self.wishes.wants_relay_slots(),
             heard,
             version: membership.version(),
             countdown: membership.countdown(),
             layout: membership.layout(),
             layout_is_new: membership.changes_layout(),
             position,
-            leased: membership.newest().leased,
+            leased: membership.newest().slots.leased,
+            has_relay_slots: membership.newest().slots.relays,
             relay: None,
             neighbour: None,
             members: membership.members().clone(),

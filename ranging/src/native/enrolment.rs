@@ -11,9 +11,8 @@
 
 use heapless::Vec;
 
-use super::plan::{Members, Membership};
+use super::plan::{Members, Membership, Slots};
 use super::spread;
-use wire::uwb::layout::Layout;
 use wire::uwb::native::{Grant, Lease, MAX_MEMBERS, Member, Share, Turns};
 
 /// A member without a received poll for this many superframes loses its slots.
@@ -108,15 +107,7 @@ impl Enrolment {
 
     /// The coordinator's work when `begun` superframes have begun, up to `number`: it ends memberships, grants requests,
     /// and announces the change if the plan changes. `heard` are the members whose poll was received.
-    pub fn renew(
-        &mut self,
-        membership: &mut Membership,
-        leased: u8,
-        layout: Layout,
-        heard: u16,
-        begun: u16,
-        number: u16,
-    ) {
+    pub fn renew(&mut self, membership: &mut Membership, slots: Slots, heard: u16, begun: u16, number: u16) {
         for (place, unheard) in self.unheard.iter_mut().enumerate() {
             *unheard = if heard >> place & 1 == 1 { 0 } else { unheard.saturating_add(begun) };
         }
@@ -163,7 +154,7 @@ impl Enrolment {
             }
         }
         self.requests.clear();
-        if list == *members && (leased, layout) == (membership.newest().leased, membership.layout()) {
+        if list == *members && slots == membership.newest().slots {
             return;
         }
         let (mut unheard, mut tenure, mut proven) = ([0; MAX_MEMBERS], [0; MAX_MEMBERS], 0);
@@ -175,7 +166,7 @@ impl Enrolment {
             }
         }
         (self.unheard, self.tenure, self.proven) = (unheard, tenure, proven);
-        membership.change(&list, leased, layout);
+        membership.change(&list, slots);
     }
 
     /// The member of a full network whose place another tag gets, if one asks for it: the one that has had its place
@@ -196,6 +187,7 @@ impl Enrolment {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use wire::uwb::layout::Layout;
 
     /// A coordinator without members, and the superframes that pass.
     struct Coordinator {
@@ -219,7 +211,8 @@ mod tests {
             let bits = members.filter(|(_, member)| heard.contains(&member.tag)).map(|(place, _)| 1 << place).sum();
             self.number += 1;
             self.membership.advance();
-            self.enrolment.renew(&mut self.membership, 0, Layout::LEAST, bits, 1, self.number);
+            let slots = self.membership.newest().slots;
+            self.enrolment.renew(&mut self.membership, slots, bits, 1, self.number);
         }
 
         fn has(&self, tag: u16) -> bool {

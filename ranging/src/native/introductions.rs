@@ -119,7 +119,14 @@ mod tests {
             use wire::uwb::native::{Carried, Relay, Relayed, UserData};
             let data = UserData::new(0, &[0; 24][..bytes]).unwrap();
             let entry = Relayed { tag: 0, round: 0, at: 0, asked: 0, content: Carried::Data(data) };
-            Some(Relay { cost: 0, next: 0, taken: 0, entries: [entry; 2].into_iter().collect() })
+            Some(Relay {
+                cost: 8,
+                next: 0,
+                taken: 0,
+                taken_frames: 0,
+                heard: 0,
+                entries: [entry; 2].into_iter().collect(),
+            })
         };
         // 119 − 56 bytes, minus 4 and two entries of 9 + 15: eleven are left, or with one more byte each nine.
         for (bytes, names) in [(15, true), (16, false)] {

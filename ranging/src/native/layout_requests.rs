@@ -13,6 +13,9 @@ const KEPT_SUPERFRAMES: u16 = 10;
 /// From this superframe of a network, or of an anchor's coordination, on, it is settled: all nodes were received, the
 /// layout may become shorter, and only members request a longer one.
 const SETTLED_AFTER: u16 = 5;
+/// Relay slots come after requests in so many such times in a row: a way that is lost for a second is no reason. They go after
+/// two times without any.
+const ASKED_FOR: u8 = 4;
 /// A layout that follows from requests becomes shorter only if it exceeds the requests by more than this many steps (of
 /// 3 to 6 % each). Otherwise every small variation would change it.
 const SPARE_STEPS: u8 = 3;
@@ -24,6 +27,11 @@ pub struct LayoutRequests {
     members: Vec<(u16, u8), MAX_MEMBERS>,
     current: Layout,
     former: Layout,
+    /// Relay slots are requested: in this time, and in the one before.
+    relay_slots: [bool; 2],
+    /// How many times in a row they were.
+    asked_for: u8,
+    needs_relay_slots: bool,
     /// Superframes in which `current` was collected.
     superframes: u16,
     /// Every node has had time to send its request.
@@ -39,6 +47,9 @@ impl LayoutRequests {
             members: Vec::new(),
             current: Layout::LEAST,
             former: Layout::LEAST,
+            relay_slots: [false; 2],
+            asked_for: 0,
+            needs_relay_slots: false,
             superframes: 0,
             is_settled: false,
             is_measured: false,
@@ -48,6 +59,16 @@ impl LayoutRequests {
     /// A node requests this.
     pub fn note(&mut self, wish: Layout) {
         self.current = self.current.max(wish);
+    }
+
+    /// An anchor has more to pass on than fits into its sync frames.
+    pub fn note_relay_slots(&mut self) {
+        self.relay_slots[0] = true;
+    }
+
+    /// Whether an anchor has asked for relay slots lately.
+    pub fn wants_relay_slots(&self) -> bool {
+        self.relay_slots != [false; 2]
     }
 
     /// A tag requests this, in place of its earlier request. Tags that are not members count only in a new network.
@@ -82,6 +103,10 @@ impl LayoutRequests {
         self.is_settled |= self.superframes >= SETTLED_AFTER;
         if self.superframes >= KEPT_SUPERFRAMES {
             (self.former, self.current) = (self.current, Layout::LEAST);
+            let [now, before] = self.relay_slots;
+            self.asked_for = if now { self.asked_for.saturating_add(1) } else { 0 };
+            self.needs_relay_slots = self.asked_for >= ASKED_FOR || self.needs_relay_slots && (now || before);
+            self.relay_slots = [false, now];
             self.superframes = 0;
         }
     }
@@ -95,6 +120,16 @@ impl LayoutRequests {
     pub fn all(&self) -> Layout {
         let of_members = self.members.iter().map(|(_, byte)| Layout::from_tag_byte(*byte));
         of_members.fold(self.current.max(self.former), Layout::max)
+    }
+
+    /// Whether the coordinator is to make relay slots.
+    pub fn needs_relay_slots(&self) -> bool {
+        self.needs_relay_slots
+    }
+
+    /// Whether anything is requested.
+    pub fn has_any(&self) -> bool {
+        self.all() != Layout::LEAST || self.wants_relay_slots()
     }
 
     /// The layout to change to, if the one in force is too short for a request, or much longer than needed.
@@ -132,6 +167,28 @@ mod tests {
     fn layout(answer_us: u32) -> Layout {
         let span = |micros| Span::at_least(RadioDuration::from_micros(micros));
         Layout { answer: span(answer_us), listen_again: span(64), scheme: Scheme::SingleSided }
+    }
+
+    #[test]
+    fn relay_slots_come_after_requests_in_four_times_and_stay_for_two_after_the_last() {
+        let mut wishes = LayoutRequests::new();
+        assert!(!wishes.wants_relay_slots() && !wishes.has_any());
+        wishes.note_relay_slots();
+        for _ in 0..2 {
+            assert!(wishes.wants_relay_slots() && wishes.has_any() && !wishes.needs_relay_slots());
+            wishes.advance(KEPT_SUPERFRAMES);
+        }
+        assert!(!wishes.wants_relay_slots());
+        let mut after = |asks: bool| {
+            if asks {
+                wishes.note_relay_slots();
+            }
+            wishes.advance(KEPT_SUPERFRAMES);
+            wishes.needs_relay_slots()
+        };
+        let asked = [true, true, true, false, true, true, true, true, false, true, false, false, true];
+        let needed = [false, false, false, false, false, false, false, true, true, true, true, false, false];
+        assert_eq!(asked.map(&mut after), needed);
     }
 
     #[test]

@@ -19,9 +19,7 @@
 
 use heapless::Vec;
 
-use super::lease_entry::{
-    Entry, GRANTED_SUPERFRAMES, RELAYED_SUPERFRAMES, Standing, Survey, TurnPlace, Waiting, free_turn, term,
-};
+use super::lease_entry::{Entry, RELAYED_SUPERFRAMES, Standing, Survey, TurnPlace, Waiting, free_turn, term};
 use super::lease_news::LeaseNews;
 use super::plan::most_leased;
 use super::spread;
@@ -42,6 +40,8 @@ const PASSED_ON_WITHIN: u16 = 4;
 /// A superframe's work is bounded: leases that are looked over, and places that are searched for a free turn.
 const LOOKED_OVER: usize = 32;
 const SEARCHED_PLACES: usize = 4;
+/// An entry of a new lease that comes again after so many superframes was announced again, as its tag has asked again.
+const ANNOUNCED_SUPERFRAMES: u16 = 12;
 /// Slots that are leased although no lease is in them yet.
 const SPARE_SLOTS: u8 = 8;
 /// After all that wait were refused, they are looked at again after this many superframes, or when a lease ends.
@@ -292,7 +292,7 @@ impl Leases {
                     let standing = if lease.grant == Grant::New { Standing::Probation } else { Standing::Proven };
                     self.insert(lease.tag, lease.turn, standing, number).is_some()
                 }
-                (Grant::New, Some(_), Some(age)) if age < GRANTED_SUPERFRAMES => false,
+                (Grant::New, Some(_), Some(age)) if age < ANNOUNCED_SUPERFRAMES => false,
                 (Grant::New, Some(place), _) => {
                     self.entries[place].made = number;
                     true

@@ -40,28 +40,45 @@ pub struct Plan {
     version: u8,
     /// The tags that share the slots that are not leased.
     pub members: Members,
-    /// The first round slots of each superframe are leased, this many.
-    pub leased: u8,
-    /// The layout.
+    /// The slots.
+    pub slots: Slots,
+}
+
+/// What the slots of a superframe are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slots {
+    /// How long they are.
     pub layout: Layout,
+    /// The first round slots are leased, this many.
+    pub leased: u8,
+    /// The last ones are relay slots ([`Timing::relay_slots`]).
+    pub relays: bool,
 }
 
 impl Plan {
     fn of_sync_frame(sync_frame: &SyncFrame) -> Self {
-        let SyncFrame { version, ref members, leased, layout, .. } = *sync_frame;
-        Self { version, members: members.clone(), leased, layout }
+        let SyncFrame { version, ref members, .. } = *sync_frame;
+        Self { version, members: members.clone(), slots: Slots::of_sync_frame(sync_frame) }
     }
 
     /// Whether a sync frame tells this plan.
     fn is_in(&self, sync_frame: &SyncFrame) -> bool {
-        let SyncFrame { version, members, leased, layout, .. } = sync_frame;
-        (version, members, leased, layout) == (&self.version, &self.members, &self.leased, &self.layout)
+        let SyncFrame { version, members, .. } = sync_frame;
+        (version, members) == (&self.version, &self.members) && Slots::of_sync_frame(sync_frame) == self.slots
     }
 
-    /// The round slots of a member in a superframe with this many: bit i for slot i.
-    pub fn owned_slots(&self, tag: u16, superframe: u16, slots: u8) -> u64 {
-        let dealt = owned_slots(&self.members, tag, superframe, slots.saturating_sub(self.leased));
-        dealt.checked_shl(self.leased.into()).unwrap_or(0)
+    /// The round slots of a member in a superframe: bit i for slot i.
+    pub fn owned_slots(&self, tag: u16, superframe: u16, timing: &Timing) -> u64 {
+        let Slots { leased, relays, .. } = self.slots;
+        let dealt = owned_slots(&self.members, tag, superframe, timing.tag_slots(relays).saturating_sub(leased));
+        dealt.checked_shl(leased.into()).unwrap_or(0)
+    }
+}
+
+impl Slots {
+    fn of_sync_frame(sync_frame: &SyncFrame) -> Self {
+        let SyncFrame { layout, leased, has_relay_slots: relays, .. } = *sync_frame;
+        Self { layout, leased, relays }
     }
 }
 
@@ -95,7 +112,11 @@ pub struct Membership {
 impl Membership {
     /// No members yet, with this layout.
     pub const fn new(layout: Layout) -> Self {
-        Self::in_notice(Plan { version: 0, members: Members::new(), leased: 0, layout }, None, 0)
+        Self::in_notice(
+            Plan { version: 0, members: Members::new(), slots: Slots { layout, leased: 0, relays: false } },
+            None,
+            0,
+        )
     }
 
     const fn in_notice(newest: Plan, former: Option<Plan>, countdown: u8) -> Self {
@@ -124,7 +145,7 @@ impl Membership {
 
     /// The layout of the newest list.
     pub const fn layout(&self) -> Layout {
-        self.newest.layout
+        self.newest.slots.layout
     }
 
     /// Superframes until the newest list is in force.
@@ -145,17 +166,18 @@ impl Membership {
     /// How many slots are leased now and with the newest plan, too; `None` while the layout changes.
     pub fn leased(&self) -> Option<u8> {
         let in_force = self.in_force()?;
-        (in_force.layout == self.newest.layout).then_some(in_force.leased.min(self.newest.leased))
+        let (now, next) = (in_force.slots, self.newest.slots);
+        (now.layout == next.layout).then_some(now.leased.min(next.leased))
     }
 
     /// The layout in force. No node joins a network in the middle of a change of its layout.
     pub fn layout_in_force(&self) -> Layout {
-        self.in_force().unwrap_or(&self.newest).layout
+        self.in_force().unwrap_or(&self.newest).slots.layout
     }
 
     /// Whether the layout changes when the newest list comes into force.
     pub fn changes_layout(&self) -> bool {
-        self.layout_in_force() != self.newest.layout
+        self.layout_in_force() != self.newest.slots.layout
     }
 
     /// A superframe has begun.
@@ -212,12 +234,13 @@ impl Membership {
     }
 
     /// The coordinator changes the plan: with notice, but at once if nobody's slots are taken.
-    pub fn change(&mut self, members: &Members, leased: u8, layout: Layout) {
+    pub fn change(&mut self, members: &Members, slots: Slots) {
         let newest = &self.newest;
-        let nobody_is_affected = newest.members.is_empty() && leased >= newest.leased && layout == newest.layout;
+        let is_wider = slots.leased >= newest.slots.leased && slots.relays <= newest.slots.relays;
+        let nobody_is_affected = newest.members.is_empty() && is_wider && slots.layout == newest.slots.layout;
         let notice = if nobody_is_affected { 0 } else { NOTICE_SUPERFRAMES };
         let version = newest.version.wrapping_add(1);
-        self.replace(Plan { version, members: members.clone(), leased, layout }, notice);
+        self.replace(Plan { version, members: members.clone(), slots }, notice);
     }
 }
 
@@ -323,8 +346,16 @@ pub fn share_of(rate: Rate, timing: &Timing) -> Share {
 
 #[cfg(test)]
 mod tests {
+    use super::super::timing::Network;
     use super::*;
+    use crate::PhyConfig;
     use wire::uwb::layout::Span;
+
+    const FAST: Network = Network::new(1, PhyConfig::FAST);
+
+    fn slots(leased: u8) -> Slots {
+        Slots { layout: Layout::LEAST, leased, relays: false }
+    }
 
     fn list(shares: &[Share]) -> Members {
         shares.iter().enumerate().map(|(tag, &share)| Member { tag: tag as u16, share }).collect()
@@ -399,11 +430,18 @@ mod tests {
 
     #[test]
     fn members_share_the_slots_that_are_not_leased() {
-        let plan = |leased| Plan { version: 0, members: list(&[Share::Greedy]), leased, layout: Layout::LEAST };
-        assert_eq!(plan(5).owned_slots(0, 7, 8), 0b1110_0000);
-        assert_eq!(plan(0).owned_slots(0, 7, 8), 0b1111_1111);
-        assert_eq!([8, 64, 255].map(|leased| plan(leased).owned_slots(0, 7, 8)), [0; 3]);
-        assert_eq!(plan(63).owned_slots(0, 7, 64), 1 << 63);
+        let plan = |leased, relays| Plan {
+            version: 0,
+            members: list(&[Share::Greedy]),
+            slots: Slots { relays, ..slots(leased) },
+        };
+        let timing = |round_slots| Timing { round_slots, relay_slots: 2, ..Timing::of(&FAST, Layout::LEAST) };
+        assert_eq!(plan(5, false).owned_slots(0, 7, &timing(8)), 0b1110_0000);
+        assert_eq!(plan(5, true).owned_slots(0, 7, &timing(8)), 0b0010_0000);
+        assert_eq!(plan(0, false).owned_slots(0, 7, &timing(8)), 0b1111_1111);
+        assert_eq!([8, 64, 255].map(|leased| plan(leased, false).owned_slots(0, 7, &timing(8))), [0; 3]);
+        assert_eq!([6, 8, 255].map(|leased| plan(leased, true).owned_slots(0, 7, &timing(8))), [0; 3]);
+        assert_eq!(plan(63, false).owned_slots(0, 7, &timing(64)), 1 << 63);
         // An eighth stays: 1 of 4, 5 of 35.
         assert_eq!([0, 1, 4, 35, 64].map(most_leased), [0, 0, 3, 30, 56]);
     }
@@ -411,16 +449,30 @@ mod tests {
     #[test]
     fn more_leased_slots_count_at_once_and_fewer_or_taken_ones_after_their_notice() {
         let mut membership = Membership::new(Layout::LEAST);
-        membership.change(&Members::new(), 9, Layout::LEAST);
+        membership.change(&Members::new(), slots(9));
         assert_eq!((membership.leased(), membership.countdown()), (Some(9), 0));
-        membership.change(&list(&[Share::Greedy]), 4, Layout::LEAST);
+        membership.change(&list(&[Share::Greedy]), slots(4));
         assert_eq!((membership.leased(), membership.countdown()), (Some(4), 4));
-        assert_eq!(membership.in_force().map(|plan| plan.leased), Some(9));
+        assert_eq!(membership.in_force().map(|plan| plan.slots.leased), Some(9));
         (0..4).for_each(|_| membership.advance());
-        membership.change(&list(&[Share::Greedy]), 6, Layout::LEAST);
+        membership.change(&list(&[Share::Greedy]), slots(6));
         assert_eq!((membership.leased(), membership.countdown()), (Some(4), 4));
-        membership.change(&list(&[Share::Greedy]), 6, Layout { answer: Span::LONGEST, ..Layout::LEAST });
+        let wide = Layout { answer: Span::LONGEST, ..Layout::LEAST };
+        membership.change(&list(&[Share::Greedy]), Slots { layout: wide, ..slots(6) });
         assert_eq!(membership.leased(), None, "the layout changes");
+    }
+
+    #[test]
+    fn relay_slots_are_taken_after_their_notice_and_given_back_at_once() {
+        let mut membership = Membership::new(Layout::LEAST);
+        membership.change(&Members::new(), Slots { relays: true, ..slots(9) });
+        assert_eq!(membership.countdown(), 4);
+        let has = |membership: &Membership| membership.in_force().map(|plan| plan.slots.relays);
+        assert_eq!(has(&membership), Some(false));
+        (0..4).for_each(|_| membership.advance());
+        assert_eq!(has(&membership), Some(true));
+        membership.change(&Members::new(), slots(9));
+        assert_eq!((has(&membership), membership.countdown()), (Some(false), 0));
     }
 
     #[test]
@@ -433,9 +485,9 @@ mod tests {
     fn a_changed_list_counts_after_its_notice() {
         let mut membership = Membership::new(Layout::LEAST);
         let [old, new] = [list(&[Share::Greedy]), list(&[Share::Greedy, Share::Slots(1)])];
-        membership.change(&old, 0, Layout::LEAST);
+        membership.change(&old, slots(0));
         assert_eq!(in_force(&membership), Some(&old), "nobody's slots were taken");
-        membership.change(&new, 0, Layout::LEAST);
+        membership.change(&new, slots(0));
         assert_eq!((in_force(&membership), membership.countdown()), (Some(&old), 4));
         (0..3).for_each(|_| membership.advance());
         assert_eq!(in_force(&membership), Some(&old));
@@ -447,7 +499,7 @@ mod tests {
     fn a_changed_layout_counts_after_its_notice_even_where_there_are_no_members() {
         let wide = Layout { answer: Span::LONGEST, ..Layout::LEAST };
         let mut membership = Membership::new(Layout::LEAST);
-        membership.change(&Members::new(), 0, wide);
+        membership.change(&Members::new(), Slots { layout: wide, ..slots(0) });
         assert_eq!((membership.layout_in_force(), membership.layout()), (Layout::LEAST, wide));
         assert!(membership.changes_layout());
         (0..NOTICE_SUPERFRAMES).for_each(|_| membership.advance());

@@ -112,16 +112,23 @@ impl Superframes {
     /// The same for a frame of a round whose first pulse comes at this instant: in a leased slot it counts there only.
     pub fn moment_of_round(&self, pulse: RadioInstant) -> Option<Moment> {
         let moment = self.moment_at(pulse)?;
-        let leased = self.membership.in_force().map_or(0, |plan| plan.leased);
+        let leased = self.membership.in_force().map_or(0, |plan| plan.slots.leased);
         let slot = self.round_slot_at(pulse).map(|(_, slot)| slot).filter(|slot| *slot < leased);
         Some(slot.map_or(moment, |slot| moment.at_place(slot.into())))
     }
 
-    /// From which round slot on there are places for requests: nobody polls in those that are not leased if nobody is
-    /// listed.
-    pub fn requests_from(&self) -> u8 {
-        let plan = self.membership.in_force().filter(|plan| plan.members.is_empty());
-        plan.map_or(self.timing.round_slots, |plan| plan.leased.min(self.timing.round_slots))
+    /// The first round slot with places for requests, and how many there are: nobody polls in those that are not leased if
+    /// nobody is listed.
+    pub fn request_places(&self) -> (u8, u16) {
+        let Some(plan) = self.membership.in_force().filter(|plan| plan.members.is_empty()) else { return (0, 0) };
+        let slots = self.timing.tag_slots(plan.slots.relays);
+        let begin = plan.slots.leased.min(slots);
+        (begin, self.timing.requests_in_round_slots(slots - begin))
+    }
+
+    /// Whether there are relay slots in this superframe.
+    pub fn has_relay_slots(&self) -> bool {
+        self.membership.in_force().is_some_and(|plan| plan.slots.relays)
     }
 
     /// The place of a request that arrived at an instant of this superframe or the one before: first those of the shared
@@ -130,11 +137,8 @@ impl Superframes {
         let timing = &self.timing;
         let passed = rx_time.since(self.phase.start).ticks();
         let passed = if passed < 0 { passed + timing.superframe.ticks() } else { passed };
-        let (shared, begin) = (u16::from(timing.request_slots), self.requests_from());
-        let regions = [
-            (0, timing.request(0), shared),
-            (shared, timing.request_from_round_slot(begin, 0), timing.requests_from_round_slot(begin)),
-        ];
+        let (shared, (begin, further)) = (u16::from(timing.request_slots), self.request_places());
+        let regions = [(0, timing.request(0), shared), (shared, timing.request_from_round_slot(begin, 0), further)];
         // The chip has no 64-bit division.
         let slot = (timing.request_slot.ticks() >> 8) as i32;
         regions.into_iter().find_map(|(before, first, places)| {
@@ -227,6 +231,7 @@ impl Superframes {
 
 #[cfg(test)]
 mod tests {
+    use super::super::plan::{Members, Slots};
     use super::*;
     use crate::PhyConfig;
     use wire::uwb::layout::Span;
@@ -249,11 +254,21 @@ mod tests {
     #[test]
     fn a_request_is_at_the_place_in_which_it_was_sent() {
         let start = RadioInstant::from_ticks(1 << 39);
-        let course = Superframes::begin(&Network::new(1, PhyConfig::FAST), Layout::LEAST, start, Some(7));
-        let (timing, begin) = (course.timing, course.requests_from());
+        let mut course = Superframes::begin(&Network::new(1, PhyConfig::FAST), Layout::LEAST, start, Some(7));
+        let slots = Slots { leased: 3, relays: true, ..course.membership.newest().slots };
+        course.membership.change(&Members::new(), slots);
+        assert_eq!((course.has_relay_slots(), course.request_places().0), (false, 0), "not yet");
+        (0..4).for_each(|_| course.next());
+        let (timing, (begin, further)) = (course.timing, course.request_places());
+        let start = course.phase.start;
         let shared = u16::from(timing.request_slots);
-        let all = shared + timing.requests_from_round_slot(begin);
+        let all = shared + further;
         assert!(shared > 5 && all > 3 * shared, "{shared} of {all}");
+        let last = timing.request_from_round_slot(begin, usize::from(further) - 1).ticks();
+        let relays = timing.round_slot_begin(timing.tag_slots(true).into()).ticks();
+        assert!(course.has_relay_slots() && begin == 3);
+        let room = relays - last;
+        assert!((0..2 * timing.request_slot.ticks()).contains(&room), "they come before the relay slots");
         for place in 0..all {
             let rmarker = match place.checked_sub(shared) {
                 Some(place) => timing.request_from_round_slot(begin, place.into()),

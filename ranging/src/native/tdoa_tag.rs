@@ -118,7 +118,8 @@ impl TdoaTag {
             | Message::Poll(_)
             | Message::Request(_)
             | Message::Final { .. }
-            | Message::Challenge(_) => {}
+            | Message::Challenge(_)
+            | Message::RelayFrame(_) => {}
         }
     }
 
@@ -224,8 +225,8 @@ impl TdoaTag {
         let begun = network.advance(pulse);
         self.anchors.advance(begun);
         let Some((number, slot)) = network.course.round_slot_at(pulse) else { return false };
-        let round_slots = network.course.timing.round_slots;
-        let owned = network.plan().map_or(0, |plan| plan.owned_slots(anchor, number, round_slots));
+        let timing = &network.course.timing;
+        let owned = network.plan().map_or(0, |plan| plan.owned_slots(anchor, number, timing));
         owned.checked_shr(slot.into()).is_some_and(|slots| slots & 1 == 1)
     }
 

@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! superframe: | 16 sync slots, one an anchor | 4 shared slots | round slots |
+//! round slots: | those of tags | relay slots, if anchors need some: a frame of each owner of a sync slot |
 //! round slot: | one poll, up to eight responses, perhaps a final |
 //! round:      | poll | answer time | response 0 | gap | response 1 | gap | … | answer time | final |
 //! ```
@@ -14,8 +15,8 @@ use crate::{PhyConfig, RadioDuration, RadioInstant, RxFrame};
 use wire::config;
 use wire::uwb::layout::{Layout, Scheme};
 use wire::uwb::native::{
-    CHALLENGE_BYTES, CODE_BYTES, FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_SYNC_SLOTS, POLL_BYTES, REQUEST_BYTES,
-    RESPONSE_BYTES, SYNC_FRAME_BYTES,
+    CHALLENGE_BYTES, CODE_BYTES, FINAL_BYTES, LONG_RESPONSE_BYTES, OWNED_SYNC_SLOTS, POLL_BYTES, RELAY_FRAME_BYTES,
+    REQUEST_BYTES, RESPONSE_BYTES, SYNC_FRAME_BYTES,
 };
 
 /// How quick a board is, without its frames' time on the air: interrupt latency, bus and computation together. In
@@ -153,6 +154,12 @@ pub struct Timing {
     pub round_slot: RadioDuration,
     /// Round slots of a superframe, at most 64.
     pub round_slots: u8,
+    /// From one relay frame to the next.
+    pub relay_frame: RadioDuration,
+    /// How many of the round slots, the last ones, are for relay frames where anchors need some.
+    pub relay_slots: u8,
+    /// Relay frames for which there is room in these.
+    pub relay_frames: u8,
     /// A superframe.
     pub superframe: RadioDuration,
 }
@@ -205,6 +212,13 @@ impl Timing {
         // The slots fill the superframe, but for the time in which the first sync slot's owner decides on its frame.
         let even = if round_slots == 0 { 0 } else { (room - answer.ticks()) / round_slots as i64 };
         let round_slot = RadioDuration::from_ticks(if even > shortest { even } else { shortest });
+        // One relay frame of each owner of a sync slot, or as many as fit into a quarter of the slots.
+        let relay_frame = sum(sum(phy.airtime(RELAY_FRAME_BYTES + code), listen_again), guard);
+        let all = relay_frame.ticks() * OWNED_SYNC_SLOTS as i64;
+        let (needed, most) = ((all + round_slot.ticks() - 1) / round_slot.ticks(), round_slots as i64 / 4);
+        let relay_slots = if needed < most { needed } else { most };
+        let fit = relay_slots * round_slot.ticks() / relay_frame.ticks();
+        let relay_frames = if fit > OWNED_SYNC_SLOTS as i64 { OWNED_SYNC_SLOTS as u8 } else { fit as u8 };
         Self {
             layout,
             reply,
@@ -218,6 +232,9 @@ impl Timing {
             request_slots,
             round_slot,
             round_slots,
+            relay_frame,
+            relay_slots: relay_slots as u8,
+            relay_frames,
             superframe: RadioDuration::from_ticks(superframe),
         }
     }
@@ -264,9 +281,27 @@ impl Timing {
         sum(self.sync_frame(OWNED_SYNC_SLOTS), times(self.request_slot, slot as i64))
     }
 
-    /// How many requests there is room for in the round slots from this one on.
-    pub const fn requests_from_round_slot(&self, slot: u8) -> u16 {
-        (times(self.round_slot, self.round_slots as i64 - slot as i64).ticks() / self.request_slot.ticks()) as u16
+    /// The round slots of tags, in a network with or without relay slots.
+    pub const fn tag_slots(&self, has_relay_slots: bool) -> u8 {
+        if has_relay_slots { self.round_slots - self.relay_slots } else { self.round_slots }
+    }
+
+    /// From the beginning of the superframe `number` to the first pulse of the relay frame of this sync slot's owner, if
+    /// there is room for it. It comes after that of another one in each superframe: an anchor does not receive the one
+    /// before its own.
+    pub const fn relay_pulse(&self, number: u16, sync_slot: u8) -> Option<RadioDuration> {
+        let place = (number.wrapping_mul(2) | 1).wrapping_mul(sync_slot as u16).wrapping_add(number) % 16;
+        if place >= self.relay_frames as u16 {
+            return None;
+        }
+        let half_guard = RadioDuration::from_ticks(self.guard.ticks() / 2);
+        let begin = sum(self.round_slot_begin(self.tag_slots(true) as usize), half_guard);
+        Some(sum(begin, times(self.relay_frame, place as i64)))
+    }
+
+    /// How many requests there is room for in this many round slots.
+    pub const fn requests_in_round_slots(&self, slots: u8) -> u16 {
+        (times(self.round_slot, slots as i64).ticks() / self.request_slot.ticks()) as u16
     }
 
     /// From the beginning of the superframe to the RMARKER of one of them.
@@ -431,6 +466,40 @@ mod tests {
         assert!(timing.is_in_slot(0, ticks(first - 511 - 1200 - 100)));
         // A microsecond early, or 5 µs late.
         assert!(!timing.is_in_slot(0, ticks(first - 63_898)) && !timing.is_in_slot(7, ticks(last + 319_488)));
+    }
+
+    #[test]
+    fn each_owner_of_a_sync_slot_has_a_place_for_a_relay_frame_behind_others() {
+        let timing = Timing::of(&FAST, layout(248, 40, Scheme::SingleSided));
+        // 104 bytes: 138.4 + 21.54 + (832 + 3 × 48) × 0.12821 = 285.1 µs, and 40, 3 and 15.
+        assert!((micros(timing.relay_frame) - 343.1).abs() < 0.1, "{}", micros(timing.relay_frame));
+        // 16 take 5489 µs: three round slots of eight responses, 2.0 ms and more.
+        assert_eq!((timing.relay_slots, timing.relay_frames), (3, 16));
+        assert_eq!(timing.tag_slots(true) + 3, timing.tag_slots(false));
+        let [first, end] =
+            [timing.tag_slots(true), timing.round_slots].map(|slot| timing.round_slot_begin(slot.into()));
+        for number in 0..64 {
+            let mut pulses: std::vec::Vec<_> =
+                (0..16).filter_map(|slot| Some((timing.relay_pulse(number, slot)?.ticks(), slot))).collect();
+            pulses.sort_unstable();
+            assert_eq!(pulses.len(), 16);
+            assert!(pulses[0].0 >= first.ticks() && pulses[15].0 + timing.relay_frame.ticks() <= end.ticks());
+            assert!(pulses.windows(2).all(|two| two[1].0 - two[0].0 == timing.relay_frame.ticks()));
+        }
+        // Which one comes just before slot 5: each odd distance once in eight superframes.
+        let before = |number| {
+            let own = timing.relay_pulse(number, 5)?.ticks() - timing.relay_frame.ticks();
+            (0..16).find(|slot| timing.relay_pulse(number, *slot).is_some_and(|pulse| pulse.ticks() == own))
+        };
+        let mut others: std::vec::Vec<_> = (0..8).filter_map(before).collect();
+        others.sort_unstable();
+        others.dedup();
+        assert!(others.len() >= 7, "{others:?}");
+        // A slow network has few round slots: a quarter of them at most.
+        let slow = Timing::of(&FAST, layout(3968, 600, Scheme::DoubleSided));
+        assert!(slow.relay_slots <= slow.round_slots / 4 && slow.relay_frames > 0, "{slow:?}");
+        let places = (0..16).filter(|slot| slow.relay_pulse(7, *slot).is_some()).count();
+        assert_eq!(places, usize::from(slow.relay_frames));
     }
 
     #[test]

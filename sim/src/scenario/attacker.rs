@@ -224,7 +224,11 @@ impl Striker {
                 }
                 self.last_poll = Some((parsed.source, poll, frame.marker));
             }
-            Message::Response(_) | Message::Request(_) | Message::Final { .. } | Message::Challenge(_) => {}
+            Message::Response(_)
+            | Message::Request(_)
+            | Message::Final { .. }
+            | Message::Challenge(_)
+            | Message::RelayFrame(_) => {}
         }
         true
     }

@@ -176,7 +176,7 @@ fn from_hex(text: &str) -> Vec<u8> {
 }
 
 /// The frames of the wire format's page, whose text says what they contain, and a sync frame by hand.
-const GOLDEN: [&str; 12] = [
+const GOLDEN: [&str; 15] = [
     "30341220 A8010003 02",
     "30010031 00010002 00030020 030080E7 FF",
     "31FE0104 030201FF 67452301",
@@ -192,6 +192,11 @@ const GOLDEN: [&str; 12] = [
     "3A 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 00 11 09      04030201 1009 08070605 0B0A A8 FAE2EC06 47840B80",
     "32 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 00 91 00 \
      3412 18FCFF 020100 B80B00",
+    "32 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214301 0C0B 09 B590 E80300 FFFFFF C42000 20 51 00 \
+     19 0C 0281 1004",
+    "32 0201 03 04 05 0706 E8 101112131415161718191A1B1C1D1E1F 214300 0C0B 09 B590 E80300 FFFFFF C42000 20 11 00 \
+     00 08 0100 0201000000000000",
+    "36 0908 3412 80F0 05 E80300 FFFFFF C42000 69A00040 000083 0908 3412 02F1 85 FE06646F 6F722033",
 ];
 
 fn golden() -> Vec<Vec<u8>> {
@@ -268,6 +273,15 @@ fn the_dissector_reads_what_the_page_of_the_wire_format_says() {
     let fields = ["leased", "neighbour", "x", "y", "z"].map(|field| format!("baliza.{field}"));
     let introducing = &fields_of(&golden()[11..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];
     assert_eq!(introducing.join(" "), "17 0x1234 1;-1 -0.001;0.258 8.388;3");
+    let fields = ["leased", "has_relay_slots", "wish.relay_slots", "gateway.taken", "gateway.taken_frames"];
+    let fields = fields.map(|field| format!("baliza.{field}"));
+    let relaying = &fields_of(&golden()[12..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];
+    assert_eq!(relaying.join(" ").replace("True", "1"), "17 1 1 0x8102 0x0410");
+    let heard = &fields_of(&golden()[13..], &["baliza.gateway.heard"]).expect("tshark")[0];
+    assert_eq!(heard.join(" "), "0x0000000000000102");
+    let fields = ["relayed", "round", "relayed.asked", "x", "data"].map(|field| format!("baliza.{field}"));
+    let relayed = &fields_of(&golden()[14..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];
+    assert_eq!(relayed.join(" "), "0x0809;0x0809 4660;4660 5;5 1 64 6f 6f 72 20 33");
     let fields = ["x", "y", "z", "sigma_x", "sigma_y", "sigma_z", "rho_xy", "rho_yz", "suspect", "rounds_ago"];
     let fields = fields.map(|field| format!("baliza.{field}"));
     let told = &fields_of(&golden()[6..], &fields.each_ref().map(String::as_str)).expect("tshark")[0];
@@ -335,7 +349,8 @@ fn the_dissector_shows_what_anchors_pass_on() {
     assert!(relaying.len() > 100, "{}", relaying.len());
     for frame in relaying {
         let (tags, places) = (frame[3].split(';').count(), frame[4].split(';').count());
-        // The anchor's own place, that of each tag and that of another anchor.
-        assert_eq!(places, 1 + tags + usize::from(!frame[5].is_empty()), "{frame:?}");
+        // The anchor's own place in a sync frame, that of each tag and that of another anchor.
+        let own = usize::from(frame[0] == "0x32");
+        assert_eq!(places, own + tags + usize::from(!frame[5].is_empty()), "{frame:?}");
     }
 }

@@ -105,7 +105,7 @@ const HEADS: [&[u8]; 4] = [
 pub fn seeds() -> Vec<Vec<u8>> {
     let body = |kind: u8| [&[2, 1, kind][..], &[1; 60]].concat();
     let operation = |op: u8, kind: u8| [&[op, 0, 16, 63][..], &body(kind)].concat();
-    (0..4_u8).map(|head| (0x30..0x35).flat_map(|kind| operation(head << 4, kind)).collect()).collect()
+    (0..4_u8).map(|head| (0x30..0x37).flat_map(|kind| operation(head << 4, kind)).collect()).collect()
 }
 
 /// What the last action was, which decides what can follow it.

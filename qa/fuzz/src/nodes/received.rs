@@ -50,7 +50,7 @@ pub fn frame_seeds() -> Vec<Vec<u8>> {
     let mut out = FrameBuffer::new();
     blink.emit(&mut out);
     let head = |kind: u8| [&[0x41, 0x88, 1, 0x1A, 0xBA, 0xFF, 0xFF, 1, 1, kind][..], &[0; 60]].concat();
-    (0x30..0x3E).map(head).chain([out.bytes().to_vec()]).collect()
+    (0x30..0x3F).map(head).chain([out.bytes().to_vec()]).collect()
 }
 
 pub fn datagrams(input: &[u8]) {

@@ -75,7 +75,9 @@ impl MachineCosts {
                         | Action::Compensate => &self.response_received,
                     }),
                     Message::SyncFrame(_) => Some(&self.beacon_received),
-                    Message::Request(_) | Message::Final { .. } | Message::Challenge(_) => None,
+                    Message::Request(_) | Message::Final { .. } | Message::Challenge(_) | Message::RelayFrame(_) => {
+                        None
+                    }
                 }
             }
             Event::Started

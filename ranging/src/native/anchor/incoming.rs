@@ -58,7 +58,7 @@ impl Anchor {
         let parsed = Frame::parse(frame.bytes);
         let Some(told) = parsed.as_ref().ok().filter(|told| told.pan == self.config.network.pan) else { return };
         let is_own = match &told.message {
-            Message::Response(_) => told.destination == self.config.address,
+            Message::Response(_) | Message::RelayFrame(_) => told.destination == self.config.address,
             _ => told.destination == BROADCAST,
         };
         if !is_own {
@@ -83,6 +83,7 @@ impl Anchor {
                     self.rounds.answer(&network.course.timing, told.source, *response, frame);
                 }
             }
+            Message::RelayFrame(relayed) => self.uplink.receive_relay_frame(told.source, relayed),
             Message::Final { round } => self.on_final(told.source, *round, frame.rx_time),
             Message::Challenge(challenge) => {
                 let session = self.network.as_ref().and_then(|network| network.course.session);
@@ -106,6 +107,7 @@ impl Anchor {
                 let place = self.network.as_ref().and_then(|network| network.course.request_place_at(frame.rx_time));
                 self.moment_at(frame.rx_time).zip(place).map(|(moment, place)| moment.at_place(place))
             }
+            Message::RelayFrame(_) => self.moment_at(frame.rx_time),
             // The final of a round in a leased slot comes in that slot, too.
             Message::Poll(_) | Message::Final { .. } => self.network.as_ref().and_then(|network| {
                 let course = &network.course;
@@ -254,7 +256,8 @@ impl Anchor {
         let has_message = self.downlinks.on_poll(tag, poll.data.as_ref(), is_in_turn);
         let Some(place) = place else { return };
         let is_for_others = place == 0 && (position.is_some() || data.is_some());
-        let passes_nothing_on = is_for_others && (network.own_slot().is_none() || !self.uplink.has_way());
+        let passes_on = network.own_slot().is_some() && self.uplink.has_way() && !self.uplink.is_busy();
+        let passes_nothing_on = is_for_others && !passes_on;
         let slot = poll.first_slot() + place;
         let poll_rx = frame.rx_time;
         let antenna_delay = self.stamps.antenna_delay;

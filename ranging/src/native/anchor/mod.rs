@@ -4,6 +4,7 @@ mod arrivals;
 mod challenge;
 mod incoming;
 mod reports;
+mod round_slots;
 
 use heapless::Vec;
 
@@ -20,7 +21,7 @@ use super::plan::Rate;
 use super::timing::{Timing, end_of};
 use super::uplink::Uplink;
 use super::{Network, SHORTEST_WAIT, STAMP_DEVIATION_TICKS, spread};
-use crate::exchange::{Action, COMPENSATION, Event, Link, Polled, Protocol, Range, Report, Round};
+use crate::exchange::{Action, Event, Link, Polled, Protocol, Range, Report, Round};
 use crate::time::METRES_PER_TICK;
 use crate::{Pace, RadioDuration, RadioInstant, StampModel, Start};
 use wire::uwb::layout::Scheme;
@@ -65,6 +66,8 @@ enum Doing {
     AnsweringBlink,
     /// Sends its sync frame.
     Syncing,
+    /// Sends a relay frame.
+    Relaying,
     /// Polls other anchors.
     Polling,
     /// Asks a session whether it is there.
@@ -164,7 +167,7 @@ impl Anchor {
             position: config.position_m.and_then(Position::from_metres),
             network: None,
             leases: Leases::new(),
-            uplink: Uplink::new(),
+            uplink: Uplink::new(config.address),
             downlinks: Downlinks::new(),
             found_at: None,
             challenger: Challenger::default(),
@@ -312,50 +315,13 @@ impl Anchor {
         Some(RadioDuration::from_ticks(until_pulse - self.meter.lead().ticks()))
     }
 
-    /// In the round slots: ranges to the other anchors in slots of its own, else listens.
-    fn among_rounds(&mut self, passed: RadioDuration, rest: RadioDuration) -> Action<'_> {
-        let lead = self.meter.lead();
-        let Some(network) = &mut self.network else { return Self::listen(rest) };
-        let timing = network.course.timing;
-        self.rounds.plan(network, &mut self.leases, self.config.address);
-        let phase = network.course.phase;
-        let in_time = RadioDuration::from_ticks(passed.ticks() + lead.ticks());
-        // The anchor was woken for a round. It makes the round if the round's instant is still in the future.
-        let spare = |pulse: RadioDuration| RadioDuration::from_ticks(pulse.ticks() - passed.ticks() - lead.ticks());
-        let planned = self.pulse_at.take().map(|pulse| pulse.since(phase.start));
-        if let Some(wake) = self.wake_at.filter(|_| planned.is_some_and(|pulse| pulse <= passed)) {
-            self.meter.overslept(phase.at(passed).since(wake));
-        }
-        let planned = planned.filter(|pulse| *pulse > passed && spare(*pulse) <= SHORTEST_WAIT);
-        let Some(pulse) = planned.or_else(|| self.rounds.next(&timing, phase, in_time)) else {
-            let is_due = rest > COMPENSATION && self.compensation.take(phase.number, self.config.address);
-            return if is_due { Action::Compensate } else { Self::listen(rest) };
-        };
-        let pulse_at = phase.at(pulse);
-        if spare(pulse) > SHORTEST_WAIT {
-            let wake = pulse_at.plus(RadioDuration::from_ticks(-lead.ticks()));
-            (self.wake_at, self.pulse_at) = (Some(wake), Some(pulse_at));
-            return Self::listen(spare(pulse));
-        }
-        self.wake_at = self.wake_at.filter(|_| planned.is_some());
-        let rmarker = pulse_at.plus(timing.to_rmarker);
-        // This anchor renews its own lease.
-        network.on_tag(self.config.address);
-        let poll = self.rounds.poll(&timing, pulse_at, self.meter.reading(), self.meter.wish(Scheme::SingleSided));
-        self.doing = Doing::Polling;
-        let moment = network.course.moment_of_round(pulse_at);
-        let sealed = self.write_to_all(&Message::Poll(poll), moment);
-        self.rounds.seal(sealed);
-        // A start at once would be before the slot if the board is quicker than required. Listening tags rely on the
-        // slot.
-        Action::Transmit { frame: self.out.bytes(), start: Start::At(rmarker), listen: true }
-    }
-
     /// Learns from a late start if the radio did not measure it, and repeats what was missed.
     fn was_late(&mut self) {
         match (self.doing, self.was_measured) {
             (Doing::Answering(_), false) => self.meter.answer_was_late(),
-            (Doing::Syncing | Doing::Polling | Doing::Challenging, false) => self.meter.lead_was_short(),
+            (Doing::Syncing | Doing::Relaying | Doing::Polling | Doing::Challenging, false) => {
+                self.meter.lead_was_short();
+            }
             (Doing::Nothing | Doing::AnsweringBlink, _) | (_, true) => {}
         }
         if let Some(network) = self.network.as_mut().filter(|_| self.doing == Doing::Syncing) {
@@ -384,13 +350,16 @@ impl Protocol for Anchor {
         let Some(armed) = pace.armed else { return };
         match (self.doing, self.wake_at.take()) {
             (Doing::Answering(polled), _) => self.meter.answered(armed.since(polled)),
-            (Doing::Syncing | Doing::Polling, Some(wake)) => self.meter.led(armed.since(wake), self.was_awaited),
+            (Doing::Syncing | Doing::Relaying | Doing::Polling, Some(wake)) => {
+                self.meter.led(armed.since(wake), self.was_awaited)
+            }
             (Doing::Challenging, _) => {
                 if let Some(wake) = self.asks_at.take() {
                     self.meter.led(armed.since(wake), self.was_awaited);
                 }
             }
-            (Doing::Syncing | Doing::Polling, None) | (Doing::Nothing | Doing::AnsweringBlink, _) => {}
+            (Doing::Syncing | Doing::Relaying | Doing::Polling, None) | (Doing::Nothing | Doing::AnsweringBlink, _) => {
+            }
         }
     }
 
@@ -411,7 +380,8 @@ impl Protocol for Anchor {
             Event::Sent(departure) => match self.doing {
                 Doing::Polling => self.rounds.sent(departure),
                 Doing::Syncing => self.arrivals.departure(self.config.address, departure),
-                Doing::Nothing | Doing::Answering(_) | Doing::AnsweringBlink | Doing::Challenging => {}
+                Doing::Nothing | Doing::Answering(_) | Doing::AnsweringBlink | Doing::Relaying | Doing::Challenging => {
+                }
             },
             Event::Received(frame) => {
                 self.take(&frame);

@@ -1,15 +1,17 @@
 //! What an anchor reports to its host when it has nothing more urgent to do.
 
 use super::Anchor;
-use crate::RadioInstant;
 use crate::native::coordinator::Coordinator;
+use crate::{RadioDuration, RadioInstant};
 
 impl Anchor {
     /// What the last poll carried is reported, and passed on.
     pub(super) fn takes_polled(&mut self) -> bool {
         let Some((at, is_first)) = self.polled_at.take() else { return false };
         if let Some(network) = &self.network {
-            self.uplink.on_poll(&self.polled, network.course.of_256th(at), is_first);
+            let course = &network.course;
+            let pulse = at.plus(RadioDuration::from_ticks(-course.timing.to_rmarker.ticks()));
+            self.uplink.on_poll(&self.polled, course.round_slot_at(pulse), course.of_256th(at), is_first);
         }
         true
     }

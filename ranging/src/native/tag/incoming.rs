@@ -51,7 +51,8 @@ impl Tag {
             | Message::Poll(_)
             | Message::Request(_)
             | Message::Final { .. }
-            | Message::Challenge(_) => {}
+            | Message::Challenge(_)
+            | Message::RelayFrame(_) => {}
         }
     }
 

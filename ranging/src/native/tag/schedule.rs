@@ -380,9 +380,9 @@ impl Followed {
             self.lease.release();
         }
         self.owned = match self.lease.turn() {
-            Some(turn) if turn.is_in(number) && turn.slot < plan.leased.min(timing.round_slots) => turn.bit(),
+            Some(turn) if turn.is_in(number) && turn.slot < plan.slots.leased.min(timing.round_slots) => turn.bit(),
             Some(_) => 0,
-            None => plan.owned_slots(config.address, number, timing.round_slots),
+            None => plan.owned_slots(config.address, number, timing),
         };
     }
 }

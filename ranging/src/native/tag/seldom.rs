@@ -393,7 +393,7 @@ impl super::schedule::Followed {
         let owned = match self.lease.turn() {
             Some(turn) if turn.is_in(number) && turn.slot < course.membership.leased()? => turn.bit(),
             Some(_) => 0,
-            None => course.membership.settled()?.owned_slots(address, number, timing.round_slots),
+            None => course.membership.settled()?.owned_slots(address, number, timing),
         };
         self.next_pulse(owned, timing.rounds(), anchors, uncertainty)
     }

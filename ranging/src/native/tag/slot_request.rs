@@ -122,8 +122,8 @@ impl Followed {
         let in_reach = |slot: &u8| timing.request(usize::from(*slot)) < end;
         let shared = (0..timing.request_slots).take_while(in_reach).count() as u16;
         let is_free = !self.joined && self.sync.plan().is_some();
-        let begin = if is_free { self.sync.course.requests_from() } else { timing.round_slots };
-        let places = shared + timing.requests_from_round_slot(begin);
+        let (begin, further) = if is_free { self.sync.course.request_places() } else { (0, 0) };
+        let places = shared + further;
         let drawn = spread(address, self.sync.course.phase.number, places);
         let (rmarker, place) = match drawn.checked_sub(shared) {
             Some(place) => {

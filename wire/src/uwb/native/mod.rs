@@ -21,7 +21,7 @@ pub use downlink::{Answer, Downlink, TagCommand};
 pub use integrity::{CODE_BYTES, IntegrityCode, Nonce, integrity_code, software_code, split_code};
 pub use lease::{Confirmation, Grant, Lease, LeasedPoll, MAX_BLINKS, Period, Turn, Turns};
 pub use poll::{Asked, Poll};
-pub use relay::{Carried, MAX_RELAYED, Relay, Relayed};
+pub use relay::{Carried, MAX_IN_RELAY_FRAME, MAX_RELAYED, Relay, RelayFrame, Relayed};
 pub use sync_frame::{AnchorAt, Member, Session, SyncFrame, slot_of};
 pub use user_data::UserData;
 pub use values::{Distance, PolledPosition, Position, Share};
@@ -42,6 +42,7 @@ const SYNC: u8 = 0x32;
 const REQUEST: u8 = 0x33;
 const FINAL: u8 = 0x34;
 const CHALLENGE: u8 = 0x35;
+const RELAY: u8 = 0x36;
 
 /// A native frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,6 +81,8 @@ pub enum Message {
     },
     /// An anchor asks whether a session is a present one.
     Challenge(Challenge),
+    /// An anchor passes on what tags told, to one other anchor.
+    RelayFrame(RelayFrame),
 }
 
 /// An anchor asks an anchor of a session to repeat a number, which a recorded network does not.
@@ -170,6 +173,7 @@ impl Frame {
                 reader.end()?;
                 Message::Challenge(challenge)
             }
+            RELAY => Message::RelayFrame(RelayFrame::parse(reader)?),
             _ => return Err(FrameError::Code(code)),
         };
         Ok(Self { sequence: header.sequence, pan: header.pan, destination, source, message })
@@ -193,6 +197,7 @@ impl Message {
             Message::Poll(poll) => poll.emit(out),
             Message::Response(response) => response.emit(out),
             Message::SyncFrame(sync_frame) => sync_frame.emit(out),
+            Message::RelayFrame(frame) => frame.emit(out),
             Message::Request(Request { share, wish }) => out.put(&[REQUEST, share.byte(), wish.tag_byte()]),
             Message::Final { round } => {
                 let [low, high] = round.to_le_bytes();
@@ -224,6 +229,8 @@ pub const FINAL_BYTES: u16 = HEAD + 2 + 2;
 pub const REQUEST_BYTES: u16 = HEAD + 2 + 2;
 /// Bytes of a challenge on the air, including its check bytes and its integrity code.
 pub const CHALLENGE_BYTES: u16 = HEAD + 8 + CODE_BYTES as u16 + 2;
+/// Bytes of the longest relay frame on the air, including its check bytes.
+pub const RELAY_FRAME_BYTES: u16 = HEAD + (MAX_IN_RELAY_FRAME * Relayed::POSITION_BYTES) as u16 + 2;
 /// Bytes of a sync frame without session, members, leases and polls on the air, including its check bytes.
 const SHORTEST_SYNC_FRAME_BYTES: u16 = HEAD + 44 + 2;
 /// Bytes of the longest sync frame on the air, including its check bytes. An integrity code still fits into a frame.
@@ -444,6 +451,7 @@ mod tests {
             slot_owners: core::array::from_fn(|i| i as u8 + 0x10),
             request: None,
             wish: Layout::from_bytes([0x21, 0x43]),
+            wishes_relay_slots: false,
             heard: 0x0B0C,
             version: 9,
             countdown: 7,
@@ -451,6 +459,7 @@ mod tests {
             layout_is_new: true,
             position: Position::from_metres([1.0, -0.001, 8.388]),
             leased: 17,
+            has_relay_slots: false,
             relay: None,
             neighbour: None,
             members: (0..members as u16).map(|tag| Member { tag: 0x0400 + tag, share: Share::Greedy }).collect(),
@@ -545,16 +554,70 @@ mod tests {
         golden.extend([0x09, 0x08, 0x34, 0x12, 0x02, 0xF1, 0x85, 0xFE, 6]);
         golden.extend(b"door 3");
         golden.extend([0x00, 0x04, 127, 0x01, 0x04, 127]);
-        let relay = Relay { cost: 25, next: 12, taken: 0x8102, entries: entries.into_iter().collect() };
+        let relay = Relay {
+            cost: 25,
+            next: 12,
+            taken: 0x8102,
+            taken_frames: 0,
+            heard: 0,
+            entries: entries.into_iter().collect(),
+        };
         // Two members (6), the way (4), a position (23), data (7 + 2 + 6).
         let relaying = SyncFrame { relay: Some(relay), ..sync_frame(2) };
         assert_eq!(relaying.room(), 63 - 6 - 4 - 23 - 15);
         round_trip(Message::SyncFrame(relaying), &golden);
         // A gateway with nothing to relay.
-        let relay = Relay { cost: 0, next: 8, taken: 1, entries: Vec::new() };
+        let relay = Relay { cost: 0, next: 8, taken: 1, taken_frames: 0, heard: 0x0102, entries: Vec::new() };
         golden.truncate(42);
-        golden.extend([0x20, 17, 0, 0, 8, 1, 0]);
+        golden.extend([0x20, 17, 0, 0, 8, 1, 0, 2, 1, 0, 0, 0, 0, 0, 0]);
         round_trip(Message::SyncFrame(SyncFrame { relay: Some(relay), ..sync_frame(0) }), &golden);
+    }
+
+    #[test]
+    fn golden_sync_frame_with_relay_slots_and_a_relay_frame() {
+        let relay = Relay { cost: 25, next: 12, taken: 0x8102, taken_frames: 0x0410, heard: 0, entries: Vec::new() };
+        let mut golden = std::vec![0x32, 2, 1, 3, 4, 5, 7, 6, 0xE8];
+        golden.extend(0x10..0x20);
+        golden.extend([0x21, 0x43, 1, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
+        // 17 + 64.
+        golden.extend([0x20, 0x51, 0, 25, 12, 0x02, 0x81, 0x10, 0x04]);
+        let relaying =
+            SyncFrame { has_relay_slots: true, wishes_relay_slots: true, relay: Some(relay), ..sync_frame(0) };
+        assert_eq!(relaying.room(), 63 - 6);
+        round_trip(Message::SyncFrame(relaying), &golden);
+        golden[27] = 2;
+        let frame = [&[0x41, 0x88, 0, 0, 0, 0xFF, 0xFF, 0, 0], &golden[..]].concat();
+        assert_eq!(Frame::parse(&frame), Err(FrameError::Field), "no such request");
+
+        let entry = |at, content| Relayed { tag: 0x0809, round: 0x1234, at, asked: 5, content };
+        let position = Carried::Position(a_position());
+        let data = Carried::Data(UserData::new(0xFE, b"door 3").unwrap());
+        let mut golden = std::vec![0x36, 9, 8, 0x34, 0x12, 0x80, 0xF0, 5, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0];
+        golden.extend([0x69, 0xA0, 0, 64, 0, 0, 0x83]);
+        let one: Vec<_, _> = [entry(0xF080, position)].into_iter().collect();
+        assert_eq!(RelayFrame { entries: one.clone() }.room(), 3 * 23);
+        let parse = |golden: &[u8]| {
+            let frame = [&[0x41, 0x88, 0, 0, 0, 3, 2, 0, 0], golden].concat();
+            Frame::parse(&frame).map(|frame| frame.message)
+        };
+        assert_eq!(parse(&golden), Ok(Message::RelayFrame(RelayFrame { entries: one })));
+        assert_eq!(parse(&golden[..1]), Err(FrameError::Truncated), "it says something");
+        golden.extend([9, 8, 0x34, 0x12, 2, 0xF1, 0x85, 0xFE, 6]);
+        golden.extend(b"door 3");
+        let entries: Vec<_, _> = [entry(0xF080, position), entry(0xF102, data)].into_iter().collect();
+        let frame = RelayFrame { entries };
+        assert_eq!(frame.room(), 2 * 23 + 8);
+        let mut out = FrameBuffer::new();
+        let message = Message::RelayFrame(frame);
+        Frame { sequence: 0, pan: 0, destination: 0x0203, source: 0, message: message.clone() }.emit(&mut out);
+        assert_eq!(out.bytes().get(9..), Some(&golden[..]));
+        assert_eq!(parse(&golden), Ok(message));
+        for cut in (1..golden.len()).filter(|cut| *cut != 24) {
+            assert_eq!(parse(&golden[..cut]), Err(FrameError::Truncated), "cut to {cut}");
+        }
+        let five = core::iter::once(0x36).chain((0..5).flat_map(|_| golden[1..24].to_vec()));
+        assert_eq!(parse(&five.collect::<std::vec::Vec<_>>()), Err(FrameError::Field), "five entries");
+        assert_eq!(usize::from(RELAY_FRAME_BYTES), 9 + 1 + 4 * 23 + 2);
     }
 
     #[test]
@@ -566,7 +629,14 @@ mod tests {
         golden.extend(0x10..0x20);
         golden.extend([0x21, 0x43, 0, 0x0C, 0x0B, 9, 0xB5, 0x90, 0xE8, 3, 0, 0xFF, 0xFF, 0xFF, 0xC4, 0x20, 0]);
         golden.extend([0x40, 17, 0, 25, 12, 0, 0, 0x09, 0x08, 0x0B, 0x0A, 0x70, 0x17, 0x41, 200, 1, 30]);
-        let relay = Relay { cost: 25, next: 12, taken: 0, entries: [message.into()].into_iter().collect() };
+        let relay = Relay {
+            cost: 25,
+            next: 12,
+            taken: 0,
+            taken_frames: 0,
+            heard: 0,
+            entries: [message.into()].into_iter().collect(),
+        };
         round_trip(Message::SyncFrame(SyncFrame { relay: Some(relay), ..sync_frame(0) }), &golden);
         let asked = Asked { address: 1, distance: Distance::Unsent };
         let data = Some(UserData::answering(200, Answer::NeedsKey));

@@ -45,6 +45,9 @@ pub struct SyncFrame {
     /// What the sender, and anchors farther from the coordinator, request of the layout; not sent together with a
     /// request for slots.
     pub wish: Layout,
+    /// An anchor here, or farther from the coordinator, has more entries to pass on than fit into its sync frames; not sent
+    /// together with a request for slots.
+    pub wishes_relay_slots: bool,
     /// Members (bit i: the list's i-th) whose poll was received here or farther from the coordinator.
     pub heard: u16,
     /// Number of the list of members.
@@ -59,6 +62,8 @@ pub struct SyncFrame {
     pub position: Option<Position>,
     /// The first round slots of a superframe are leased, this many of them; the others are dealt to the members.
     pub leased: u8,
+    /// The last round slots of a superframe are for relay frames.
+    pub has_relay_slots: bool,
     /// The way to a gateway, if the sender knows one.
     pub relay: Option<Relay>,
     /// Another anchor, which has no sync slot of its own.
@@ -102,6 +107,11 @@ const RELAYS_SHIFT: u8 = 5;
 const MEMBERS: u8 = 0x1F;
 /// In the byte with the number of leased slots: the frame says where another anchor is.
 const HAS_NEIGHBOUR: u8 = 0x80;
+/// In the same byte: there are relay slots.
+const HAS_RELAY_SLOTS: u8 = 0x40;
+const LEASED: u8 = 0x3F;
+/// After the request of a layout: relay slots are requested, too.
+const WISHES_RELAY_SLOTS: u8 = 1;
 /// In the first byte of the layout: another layout is in force until the list of members is.
 const LAYOUT_IS_NEW: u8 = 0x80;
 /// Mask of the slot in the byte with slot and countdown.
@@ -136,16 +146,19 @@ impl SyncFrame {
         } else {
             (None, entries & 0x0F)
         };
+        let has_relay_slots = leased & HAS_RELAY_SLOTS != 0;
         let relay = match (count & RELAYS) >> RELAYS_SHIFT {
             0 => None,
-            entries => Some(Relay::parse(&mut reader, entries - 1)?),
+            entries => Some(Relay::parse(&mut reader, entries - 1, has_relay_slots)?),
         };
         let neighbour = if leased & HAS_NEIGHBOUR == 0 { None } else { Some(AnchorAt::parse(&mut reader)?) };
-        let (request, wish) = if count & PASSES_REQUEST_ON == 0 {
-            let [answer, tag, 0] = passed_on else { return Err(FrameError::Field) };
-            (None, Layout::from_bytes([answer, tag]))
+        let (request, wish, wishes_relay_slots) = if count & PASSES_REQUEST_ON == 0 {
+            let [answer, tag, relay_slots @ (0 | WISHES_RELAY_SLOTS)] = passed_on else {
+                return Err(FrameError::Field);
+            };
+            (None, Layout::from_bytes([answer, tag]), relay_slots != 0)
         } else {
-            (Some(Member::parse(&mut Reader(&passed_on))?), Layout::LEAST)
+            (Some(Member::parse(&mut Reader(&passed_on))?), Layout::LEAST, false)
         };
         let mut members = Vec::new();
         for _ in 0..count & MEMBERS {
@@ -178,13 +191,15 @@ impl SyncFrame {
             slot_owners,
             request,
             wish,
+            wishes_relay_slots,
             heard,
             version,
             countdown: slot_and_countdown >> COUNTDOWN_SHIFT,
             layout: Layout::from_bytes(layout),
             layout_is_new: layout[0] & LAYOUT_IS_NEW != 0,
             position,
-            leased: leased & !HAS_NEIGHBOUR,
+            leased: leased & LEASED,
+            has_relay_slots,
             relay,
             neighbour,
             members,
@@ -196,7 +211,7 @@ impl SyncFrame {
     /// Bytes that are left.
     pub fn room(&self) -> usize {
         let session = self.session.map_or(0, |session| session.bytes());
-        let relay = self.relay.as_ref().map_or(0, Relay::bytes);
+        let relay = self.relay.as_ref().map_or(0, |relay| relay.bytes(self.has_relay_slots));
         let news = Lease::BYTES * self.leases.len() + LeasedPoll::BYTES * self.polls.len();
         let neighbour = if self.neighbour.is_some() { AnchorAt::BYTES } else { 0 };
         let used = session + relay + neighbour + Member::BYTES * self.members.len() + news;
@@ -225,7 +240,7 @@ impl SyncFrame {
             }
             None => {
                 let [answer, tag] = self.wish.bytes();
-                out.put(&[answer, tag, 0]);
+                out.put(&[answer, tag, if self.wishes_relay_slots { WISHES_RELAY_SLOTS } else { 0 }]);
                 0
             }
         };
@@ -239,14 +254,15 @@ impl SyncFrame {
         let relays = self.relay.as_ref().map_or(0, |relay| relay.entries.len() as u8 + 1);
         let count = self.members.len() as u8 | relays << RELAYS_SHIFT | passes_request_on;
         let has_neighbour = if self.neighbour.is_some() { HAS_NEIGHBOUR } else { 0 };
-        out.put(&[count, self.leased | has_neighbour, entries]);
+        let has_relay_slots = if self.has_relay_slots { HAS_RELAY_SLOTS } else { 0 };
+        out.put(&[count, self.leased.min(LEASED) | has_neighbour | has_relay_slots, entries]);
         if let Some(Session { number, epoch, answer }) = self.session {
             out.put(&number.to_le_bytes());
             out.put(&epoch.to_le_bytes());
             answer.into_iter().for_each(|answer| out.put(&answer.to_le_bytes()));
         }
         if let Some(relay) = &self.relay {
-            relay.emit(out);
+            relay.emit(out, self.has_relay_slots);
         }
         self.neighbour.iter().for_each(|neighbour| neighbour.emit(out));
         self.members.iter().for_each(|member| member.emit(out));
