@@ -161,6 +161,44 @@ fn forged_sync_frames_move_no_anchor_of_a_tag_that_has_heard_the_true_ones() {
     }
 }
 
+/// In each superframe a stranger asks for relay slots, in a shared slot or in a free one claimed for it. Notes whether the
+/// network has some.
+fn relay_slots_for_nothing(own_slot: bool, seen: &Rc<Cell<bool>>) -> Forge {
+    let seen = Rc::clone(seen);
+    Box::new(move |timing, heard, known| {
+        seen.set(seen.get() || known.values().any(|told| told.has_relay_slots));
+        let slot = if own_slot { 10 } else { 16 };
+        let mut slot_owners = heard.slot_owners;
+        if let Some(owner) = slot_owners.get_mut(slot) {
+            *owner = 201;
+        }
+        let request = None;
+        let told =
+            SyncFrame { hops: 3, slot: slot as u8, slot_owners, request, wishes_relay_slots: true, ..heard.clone() };
+        vec![(timing.sync_frame(slot), bytes(200, BROADCAST, Message::SyncFrame(told)))]
+    })
+}
+
+#[test]
+fn a_stranger_gets_relay_slots_only_by_patience_and_they_cost_an_eighth() {
+    for own_slot in [false, true] {
+        let mut air = Air::new(NETWORK.phy, 3);
+        room(&mut air, 4, None);
+        let (node, _) = tag(&mut air, 0x100, Rate::Greedy);
+        let (armed, seen) = (Rc::new(Cell::new(false)), Rc::new(Cell::new(false)));
+        air.add([0.0, 3.0, 1.0], 5.0, forger(&armed, relay_slots_for_nothing(own_slot, &seen)));
+        air.run_until(3.0);
+        let before = air.rounds(node, 2.0).len();
+        armed.set(true);
+        air.run_until(6.0);
+        assert!(!seen.get(), "not before three seconds");
+        air.run_until(10.0);
+        assert_eq!(seen.get(), own_slot);
+        let after = air.rounds(node, 9.0).len();
+        assert!(after * 8 > before * 6, "own slot {own_slot}: {before}, then {after}");
+    }
+}
+
 #[test]
 fn a_later_term_does_not_end_a_network_whose_coordinator_is_heard() {
     // One sync frame in `every` superframes, that many terms ahead, of another coordinator or of none better.

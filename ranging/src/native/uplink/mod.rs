@@ -1,20 +1,26 @@
-//! How what tags tell in their polls gets from anchor to anchor to a gateway: an anchor whose host reads what it reports.
+//! How what tags tell in their polls gets from anchor to anchor to a gateway: an anchor whose host reads what it
+//! reports.
 //!
 //! Each sync frame says how far the nearest gateway is, and names the next anchor on the way by its sync slot. A hop
-//! costs as many transmissions as it needs in the mean: 1/p² with a share p of sync frames that come and say that their
-//! sender receives this anchor, as an entry must arrive, and the word that it was taken (D. De Couto et al., A high-throughput path metric for multi-hop wireless
-//! routing, MobiCom 2003). The anchor that a poll names first relays what it carries: the tag names one that answers,
-//! and that is near to a gateway. There are up to two entries in each of its sync frames, until the next anchor says
-//! that it has taken them. If more waits somewhere, the coordinator makes the last round slots to relay slots: there the
-//! owner of each sync slot sends a frame of four more entries, to the next anchor alone. A gateway says which polls it has
-//! received itself: its neighbours wait for this, and pass on the others. Each anchor keeps a short queue. It drops what is older than five seconds, the oldest entry
-//! when it is full, and a tag's older position when a newer one comes. The coordinator's sync frames are full of news of
-//! leases while tags join: its entries come behind them, and a way through it costs more.
+//! costs as many transmissions as it needs in the mean (D. De Couto et al., A high-throughput path metric for
+//! multi-hop wireless routing, MobiCom 2003): 1/(p² q) with a share p of sync frames that come and say that their
+//! sender receives this anchor, as an entry must arrive, and the word that it was taken; and a share q of sendings
+//! that were taken.
 //!
-//! No way is a circle: an anchor goes only through neighbours that are nearer to a gateway than it has been itself since
-//! it found a way. If there is none any more, it says for some superframes that it knows no way, so that nobody goes
-//! through it, and looks for another one. Meanwhile entries wait. Nothing is repeated that was taken: an anchor that falls
-//! silent with entries in its queue loses these.
+//! The anchor that a poll names first relays what it carries: the tag names one that answers, and that is near to a
+//! gateway. There are up to two entries in each of its sync frames, until the next anchor says that it has taken
+//! them. Where more waits, the coordinator makes the last round slots relay slots: there the owner of each sync slot
+//! sends a frame of four more entries, to the next anchor alone. A gateway says which polls it has received itself:
+//! its neighbours wait for this, and pass on the others.
+//!
+//! Each anchor keeps a short queue. It drops what is older than five seconds, the oldest entry when it is full, and
+//! a tag's older position when a newer one comes. The coordinator's sync frames are full of news of leases while
+//! tags join: its entries come behind them, and a way through it costs more.
+//!
+//! No way is a circle: an anchor goes only through neighbours that are nearer to a gateway than it has been itself
+//! since it found a way. If there is none any more, it says for some superframes that it knows no way, so that
+//! nobody goes through it, and looks for another one. Meanwhile entries wait. Nothing is repeated that was taken: an
+//! anchor that falls silent with entries in its queue loses these.
 
 mod demand;
 mod neighbour;
