@@ -1,9 +1,8 @@
 //! An anchor's program without the parts of its board. The board's binary sets up the board, starts the [`Node`], and
 //! spawns the task with what [`Memory::anchor`] returns.
 
+use firmware_common::AnchorProtocol;
 use firmware_common::node::{Configured, Node, Reporter, Tasks};
-use firmware_common::{AnchorProtocol, Settings};
-use ranging::native::Leases;
 use ranging::radio::Config;
 use static_cell::StaticCell;
 use wire::config::Role;
@@ -11,20 +10,15 @@ use wire::telemetry::Condition;
 
 /// The memory that an anchor's task works on, for a `static`.
 pub struct Memory {
-    leases: StaticCell<Leases>,
-    machine: StaticCell<OwnProtocol>,
+    machine: StaticCell<AnchorProtocol>,
 }
-
-/// The protocol, whose table of leases has a memory of its own: each is made on the stack first, and both together are too
-/// large for that of a DWM1001.
-pub type OwnProtocol = AnchorProtocol<&'static mut Leases>;
 
 /// The parts of an anchor's task.
 pub struct Anchor<R: 'static> {
     /// The radio's driver.
     pub radio: &'static mut R,
     /// The anchor's protocol.
-    pub machine: &'static mut OwnProtocol,
+    pub machine: &'static mut AnchorProtocol,
     /// The reporter of the node.
     pub reporter: &'static Reporter,
 }
@@ -32,22 +26,7 @@ pub struct Anchor<R: 'static> {
 impl Memory {
     /// Empty memory.
     pub const fn new() -> Self {
-        Self { leases: StaticCell::new(), machine: StaticCell::new() }
-    }
-
-    #[inline(never)]
-    fn leases(&'static self) -> &'static mut Leases {
-        self.leases.init_with(Leases::new)
-    }
-
-    #[inline(never)]
-    fn machine(
-        &'static self,
-        settings: &Settings,
-        position_m: Option<[f32; 3]>,
-        leases: &'static mut Leases,
-    ) -> &'static mut OwnProtocol {
-        self.machine.init_with(|| AnchorProtocol::new(settings, position_m, leases))
+        Self { machine: StaticCell::new() }
     }
 
     /// The anchor that a record describes, with the radio's driver that `radio` creates. For a record of another role
@@ -65,7 +44,7 @@ impl Memory {
                 node.tasks = Tasks::Ranging;
                 Some(Anchor {
                     radio: radio(settings.radio),
-                    machine: self.machine(settings, position_m, self.leases()),
+                    machine: self.machine.init_with(|| AnchorProtocol::new(settings, position_m)),
                     reporter: node.reporter,
                 })
             }

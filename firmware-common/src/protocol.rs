@@ -1,9 +1,7 @@
 //! A node's protocol, whatever its network's mode is: one type for boards whose mode is in the record.
 
-use core::borrow::BorrowMut;
-
 use ranging::exchange::{Action, Event, Guidance, Protocol};
-use ranging::native::{Leases, Rate, ReplyDelay};
+use ranging::native::{Rate, ReplyDelay};
 use ranging::radio::Sensors;
 use ranging::{Pace, RadioDuration, RadioInstant, StampModel, decaranging, native};
 use wire::uwb::native::{Downlink, UserData};
@@ -25,12 +23,12 @@ pub enum TagProtocol {
     Listening(native::TdoaTag),
 }
 
-/// The protocol of an anchor, whose table of leases may be elsewhere.
+/// The protocol of an anchor.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "there is one in a node")]
-pub enum AnchorProtocol<L = Leases> {
+pub enum AnchorProtocol {
     /// Native mode.
-    Native(native::Anchor<L>),
+    Native(native::Anchor),
     /// DecaRanging.
     DecaRanging(decaranging::Anchor),
 }
@@ -85,15 +83,18 @@ impl TagProtocol {
     }
 }
 
-impl<L: BorrowMut<Leases>> AnchorProtocol<L> {
-    /// The protocol of an anchor with these settings, at this position in metres, and with no leases yet.
-    #[inline(never)]
-    pub fn new(settings: &Settings, position_m: Option<[f32; 3]>, leases: L) -> Self {
+impl AnchorProtocol {
+    /// The protocol of an anchor with these settings, at this position in metres.
+    pub fn new(settings: &Settings, position_m: Option<[f32; 3]>) -> Self {
         let network = settings.network;
         let native = |rounds| {
-            let antenna_delay = RadioDuration::ZERO;
-            let config = native::AnchorConfig { address: settings.address, network, antenna_delay, position_m, rounds };
-            Self::Native(native::Anchor::with_leases(config, leases))
+            Self::Native(native::Anchor::new(native::AnchorConfig {
+                address: settings.address,
+                network,
+                antenna_delay: RadioDuration::ZERO,
+                position_m,
+                rounds,
+            }))
         };
         match settings.protocol {
             ProtocolConfig::Native => native(None),
@@ -186,7 +187,7 @@ impl Protocol for TagProtocol {
     }
 }
 
-impl<L: BorrowMut<Leases>> Protocol for AnchorProtocol<L> {
+impl Protocol for AnchorProtocol {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         match self {
             Self::Native(anchor) => anchor.step(now, event),

@@ -58,7 +58,6 @@ pub use anchor::{Anchor, AnchorConfig};
 pub use anchor_table::Refused;
 pub use authentication::{MakeCode, NetworkKey};
 pub use clock::{ClockModel, STAMP_DEVIATION_TICKS};
-pub use leases::Leases;
 pub use plan::{NOTICE_SUPERFRAMES, Rate};
 pub use tag::{Tag, TagConfig};
 pub use tdoa_tag::{TdoaTag, TdoaTagConfig};

@@ -22,7 +22,6 @@ use positioning_core::nlos::Model;
 use rand::Rng;
 use ranging::PhyConfig;
 use ranging::Restart;
-use ranging::native::Leases;
 use ranging::radio::Config;
 use wire::config::{LoadError, MAX_BYTES, Record, Role};
 use wire::telemetry::{Board, Condition, Hello, ResetCause};
@@ -132,7 +131,7 @@ impl Firmware for AnchorApp {
             let ranging = async {
                 let Some((_, settings)) = followed else { return pending().await };
                 let Role::Anchor { position_m } = settings.role else { return quiet(&reporter).await };
-                let machine = Charged::new(AnchorProtocol::new(&settings, position_m, Leases::new()), &processor);
+                let machine = Charged::new(AnchorProtocol::new(&settings, position_m), &processor);
                 let machine = if self.0.is_attacked() { machine.seen(self.0.outlet.judge()) } else { machine };
                 let machine = match settings.protocol {
                     ProtocolConfig::Native | ProtocolConfig::Listening { .. } => machine.with_address(settings.address),

@@ -1,14 +1,11 @@
 //! When an anchor asks whether a session is there.
 
-use core::borrow::BorrowMut;
-
 use super::{Anchor, Doing, SHORTEST_WAIT};
 use crate::native::authentication::Moment;
-use crate::native::leases::Leases;
 use crate::{RadioDuration, RadioInstant};
 use wire::uwb::native::Message;
 
-impl<L: BorrowMut<Leases>> Anchor<L> {
+impl Anchor {
     /// How much time there is before a challenge, if one is due.
     pub(super) fn spare_before_challenge(&mut self, present: RadioInstant) -> Option<RadioDuration> {
         let to_rmarker = self.config.network.phy.time_to_rmarker().ticks();

@@ -1,14 +1,11 @@
 //! What an anchor does with received frames: it checks their codes, and takes what is new.
 
-use core::borrow::BorrowMut;
-
 use heapless::Vec;
 
 use super::{Anchor, Answer, Answered, DEVIATION_M, ReportedRange};
 use crate::exchange::{Link, Polled, Range};
 use crate::native::authentication::{Forged, Moment, SealedPoll};
 use crate::native::coordinator::{Coordinator, FollowUpdate};
-use crate::native::leases::Leases;
 use crate::native::plan::NOTICE_SUPERFRAMES;
 use crate::native::spread;
 use crate::native::timing::{Phase, SYNC_SLOTS, Timing, end_of};
@@ -26,7 +23,7 @@ pub(super) struct PostponedFrame {
     diagnostics: Diagnostics,
 }
 
-impl<L: BorrowMut<Leases>> Anchor<L> {
+impl Anchor {
     /// Whether the anchor takes part in the network that it follows.
     fn takes_part(&self) -> bool {
         self.is_proven || self.config.network.key.is_none()
@@ -76,7 +73,7 @@ impl<L: BorrowMut<Leases>> Anchor<L> {
             Message::Poll(poll) => self.on_poll(told.source, poll, sealed, frame),
             Message::Request(request) => {
                 if let Some(network) = &mut self.network {
-                    network.request(self.leases.borrow_mut(), Member { tag: told.source, share: request.share }, false);
+                    network.request(&mut self.leases, Member { tag: told.source, share: request.share }, false);
                     network.wish(told.source, request.wish);
                 }
             }
@@ -179,7 +176,7 @@ impl<L: BorrowMut<Leases>> Anchor<L> {
             Some(network) => {
                 // A frame in another's slot costs a stranger nothing.
                 let is_known = network.is_known(source, sync_frame);
-                match network.receive(followed, self.leases.borrow_mut(), source, sync_frame, frame.rx_time) {
+                match network.receive(followed, &mut self.leases, source, sync_frame, frame.rx_time) {
                     FollowUpdate::Ignored => return,
                     FollowUpdate::Followed => {}
                     FollowUpdate::Changed(link) => self.link = Some(link),
@@ -252,7 +249,7 @@ impl<L: BorrowMut<Leases>> Anchor<L> {
             self.polled = Polled { tag, round, asked, age: RadioDuration::ZERO, position, data };
             self.polled_at = Some((frame.rx_time, place == Some(0)));
         }
-        let lease = network.on_poll(self.leases.borrow_mut(), tag, poll, pulse);
+        let lease = network.on_poll(&mut self.leases, tag, poll, pulse);
         // One of the anchors asked is enough, another one in each round: perhaps some have not received the message.
         let turn = usize::from(round).checked_rem(poll.anchors.len());
         let is_in_turn = place.is_some() && turn == place;

@@ -6,8 +6,6 @@ mod incoming;
 mod reports;
 mod round_slots;
 
-use core::borrow::BorrowMut;
-
 use heapless::Vec;
 
 use self::arrivals::Arrivals;
@@ -79,13 +77,13 @@ enum Doing {
 /// The anchor's side of native mode. It reports changes of its place in the network. Where a tag reports its
 /// measurements, it also reports rounds of one range.
 #[derive(Clone, Debug)]
-pub struct Anchor<L = Leases> {
+pub struct Anchor {
     config: AnchorConfig,
     stamps: StampModel,
     meter: Meter,
     position: Option<Position>,
     network: Option<Coordinator>,
-    leases: L,
+    leases: Leases,
     uplink: Uplink,
     downlinks: Downlinks,
     /// Without a network: the instant at which to found one.
@@ -160,23 +158,15 @@ struct ReportedRange {
 
 impl Anchor {
     /// An anchor that has not received any frame yet.
-    pub fn new(config: AnchorConfig) -> Self {
-        Self::with_leases(config, Leases::new())
-    }
-}
-
-impl<L: BorrowMut<Leases>> Anchor<L> {
-    /// An anchor that has not received any frame yet. Its table of leases may be elsewhere: it is half of the anchor, and both
-    /// are made on the stack first.
     #[cold]
-    pub fn with_leases(config: AnchorConfig, leases: L) -> Self {
+    pub fn new(config: AnchorConfig) -> Self {
         Self {
             config,
             stamps: StampModel { antenna_delay: config.antenna_delay, ..StampModel::IDEAL },
             meter: Meter::new(config.network.pinned),
             position: config.position_m.and_then(Position::from_metres),
             network: None,
-            leases,
+            leases: Leases::new(),
             uplink: Uplink::new(config.address),
             downlinks: Downlinks::new(),
             found_at: None,
@@ -212,7 +202,7 @@ impl<L: BorrowMut<Leases>> Anchor<L> {
     #[cold]
     fn restart(&mut self) {
         (self.network, self.found_at, self.answer) = (None, None, None);
-        self.leases.borrow_mut().clear();
+        self.leases.clear();
         self.uplink.clear();
         self.downlinks.clear();
         self.arrivals.clear();
@@ -268,7 +258,7 @@ impl<L: BorrowMut<Leases>> Anchor<L> {
         // A superframe begins early for this node, because it must decide in time on a sync frame in the first slot.
         let early = RadioDuration::from_ticks(lead.ticks() + SHORTEST_WAIT.ticks());
         network.is_gateway = self.has_host;
-        network.advance(followed, self.leases.borrow_mut(), present.plus(early));
+        network.advance(followed, &mut self.leases, present.plus(early));
         let (timing, phase) = (network.course.timing, network.course.phase);
         let passed = present.since(phase.start).ticks();
         // A clock that jumped may have any value: a window is never negative.
@@ -306,7 +296,7 @@ impl<L: BorrowMut<Leases>> Anchor<L> {
         // Tags ask for the room for finals.
         let wish = self.meter.wish(Scheme::SingleSided);
         let answer = self.challenger.answer();
-        let news = (self.leases.borrow_mut(), &mut self.uplink, &mut self.downlinks);
+        let news = (&mut self.leases, &mut self.uplink, &mut self.downlinks);
         let (sync_frame, takes_over) = network.compose(news, slot, self.position, wish, answer);
         let moment = network.course.moment();
         if takes_over {
@@ -340,7 +330,7 @@ impl<L: BorrowMut<Leases>> Anchor<L> {
     }
 }
 
-impl<L: BorrowMut<Leases>> Protocol for Anchor<L> {
+impl Protocol for Anchor {
     fn set_host(&mut self, has_host: bool) {
         self.has_host = has_host;
         self.uplink.set_host(has_host);

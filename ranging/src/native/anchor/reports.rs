@@ -1,13 +1,10 @@
 //! What an anchor reports to its host when it has nothing more urgent to do.
 
-use core::borrow::BorrowMut;
-
 use super::Anchor;
 use crate::native::coordinator::Coordinator;
-use crate::native::leases::Leases;
 use crate::{RadioDuration, RadioInstant};
 
-impl<L: BorrowMut<Leases>> Anchor<L> {
+impl Anchor {
     /// What the last poll carried is reported, and passed on.
     pub(super) fn takes_polled(&mut self) -> bool {
         let Some((at, is_first)) = self.polled_at.take() else { return false };

@@ -1,22 +1,19 @@
 //! What an anchor sends in round slots: its polls to other anchors, and relay frames.
 
-use core::borrow::BorrowMut;
-
 use super::{Anchor, Doing};
 use crate::exchange::{Action, COMPENSATION};
 use crate::native::SHORTEST_WAIT;
-use crate::native::leases::Leases;
 use crate::{RadioDuration, RadioInstant, Start};
 use wire::uwb::layout::Scheme;
 use wire::uwb::native::Message;
 
-impl<L: BorrowMut<Leases>> Anchor<L> {
+impl Anchor {
     /// In the round slots: ranges to the other anchors in slots of its own, else listens.
     pub(super) fn among_rounds(&mut self, passed: RadioDuration, rest: RadioDuration) -> Action<'_> {
         let lead = self.meter.lead();
         let Some(network) = &mut self.network else { return Self::listen(rest) };
         let timing = network.course.timing;
-        self.rounds.plan(network, self.leases.borrow_mut(), self.config.address);
+        self.rounds.plan(network, &mut self.leases, self.config.address);
         let phase = network.course.phase;
         let in_time = RadioDuration::from_ticks(passed.ticks() + lead.ticks());
         // The anchor was woken for a round. It makes the round if the round's instant is still in the future.
