@@ -13,8 +13,8 @@ const KEPT_SUPERFRAMES: u16 = 10;
 /// From this superframe of a network, or of an anchor's coordination, on, it is settled: all nodes were received, the
 /// layout may become shorter, and only members request a longer one.
 const SETTLED_AFTER: u16 = 5;
-/// Relay slots come after requests in so many such times in a row: a way that is lost for a second is no reason. They go after
-/// two times without any.
+/// The coordinator makes relay slots after requests in this many periods of [`KEPT_SUPERFRAMES`] in a row: a way that is lost
+/// for a second is no reason. Two periods without a request end them.
 const ASKED_FOR: u8 = 4;
 /// A layout that follows from requests becomes shorter only if it exceeds the requests by more than this many steps (of
 /// 3 to 6 % each). Otherwise every small variation would change it.
@@ -27,9 +27,9 @@ pub struct LayoutRequests {
     members: Vec<(u16, u8), MAX_MEMBERS>,
     current: Layout,
     former: Layout,
-    /// Relay slots are requested: in this time, and in the one before.
+    /// Relay slots are requested: in this period, and in the one before.
     relay_slots: [bool; 2],
-    /// How many times in a row they were.
+    /// In how many periods in a row they were.
     asked_for: u8,
     needs_relay_slots: bool,
     /// Superframes in which `current` was collected.

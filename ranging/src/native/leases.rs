@@ -40,7 +40,7 @@ const PASSED_ON_WITHIN: u16 = 4;
 /// A superframe's work is bounded: leases that are looked over, and places that are searched for a free turn.
 const LOOKED_OVER: usize = 32;
 const SEARCHED_PLACES: usize = 4;
-/// An entry of a new lease that comes again after so many superframes was announced again, as its tag has asked again.
+/// A new lease whose entry comes again after this many superframes was announced once more: its tag has asked again.
 const ANNOUNCED_SUPERFRAMES: u16 = 12;
 /// Slots that are leased although no lease is in them yet.
 const SPARE_SLOTS: u8 = 8;

@@ -1,10 +1,11 @@
 //! Whether an anchor has more to pass on than fits into its sync frames.
 
-/// An anchor asks for relay slots from so many entries a superframe on that it sends in the mean, in 1/64, or if so many wait
-/// in the mean; until it sends fewer than that.
+/// An anchor asks for relay slots if it sends more entries a superframe than this in the mean, in 1/64 …
 const MANY: u16 = 64 * 7 / 4;
-const FEW: u16 = 64 * 5 / 4;
+/// … or if more than this wait in the mean …
 const MANY_WAIT: u16 = 64 * 6;
+/// … until fewer wait, and it sends fewer than this.
+const FEW: u16 = 64 * 5 / 4;
 
 /// What an anchor passes on in the mean.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +29,7 @@ impl Demand {
         self.sent = self.sent.saturating_add(1);
     }
 
-    /// Superframes have begun in which so many entries wait. `has_way`: somebody takes them.
+    /// `superframes` have begun, and `waiting` entries wait. `has_way`: a way to a gateway is known.
     pub(super) fn advance(&mut self, superframes: u8, waiting: usize, has_way: bool) {
         for _ in 0..superframes {
             let sent = u16::from(core::mem::take(&mut self.sent));
