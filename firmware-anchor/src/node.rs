@@ -2,15 +2,17 @@
 //! spawns the task with what [`Memory::anchor`] returns.
 
 use firmware_common::AnchorProtocol;
-use firmware_common::node::{Configured, Node, Reporter, Tasks};
+use firmware_common::node::{Configured, Node, Reporter, Tasks, fill};
+use ranging::native::AnchorMemory;
 use ranging::radio::Config;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 use wire::config::Role;
 use wire::telemetry::Condition;
 
-/// The memory that an anchor's task works on, for a `static`.
-pub struct Memory {
-    machine: StaticCell<AnchorProtocol>,
+/// The memory that an anchor's task works on, for a `static`. The anchor knows up to `LEASES` leases.
+pub struct Memory<const LEASES: usize = 1024> {
+    tables: ConstStaticCell<AnchorMemory<LEASES>>,
+    machine: StaticCell<AnchorProtocol<'static>>,
 }
 
 /// The parts of an anchor's task.
@@ -18,19 +20,20 @@ pub struct Anchor<R: 'static> {
     /// The radio's driver.
     pub radio: &'static mut R,
     /// The anchor's protocol.
-    pub machine: &'static mut AnchorProtocol,
+    pub machine: &'static mut AnchorProtocol<'static>,
     /// The reporter of the node.
     pub reporter: &'static Reporter,
 }
 
-impl Memory {
+impl<const LEASES: usize> Memory<LEASES> {
     /// Empty memory.
     pub const fn new() -> Self {
-        Self { machine: StaticCell::new() }
+        Self { tables: ConstStaticCell::new(AnchorMemory::new()), machine: StaticCell::new() }
     }
 
     /// The anchor that a record describes, with the radio's driver that `radio` creates. For a record of another role
     /// the function reports the fault and returns `None`.
+    #[inline(never)]
     #[cold]
     pub fn anchor<R>(
         &'static self,
@@ -42,9 +45,10 @@ impl Memory {
         match settings.role {
             Role::Anchor { position_m } => {
                 node.tasks = Tasks::Ranging;
+                let tables = self.tables.take().into();
                 Some(Anchor {
                     radio: radio(settings.radio),
-                    machine: self.machine.init_with(|| AnchorProtocol::new(settings, position_m)),
+                    machine: fill(&self.machine, || AnchorProtocol::new(settings, position_m, tables)),
                     reporter: node.reporter,
                 })
             }
@@ -56,7 +60,7 @@ impl Memory {
     }
 }
 
-impl Default for Memory {
+impl<const LEASES: usize> Default for Memory<LEASES> {
     fn default() -> Self {
         Self::new()
     }

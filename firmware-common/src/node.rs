@@ -68,6 +68,13 @@ pub enum Tasks {
     RangingAndEngine,
 }
 
+/// Fills a `static` with what `make` makes. That is made on the stack first, which is free again when this returns: if
+/// this became a part of its caller, it would not be.
+#[inline(never)]
+pub fn fill<T>(place: &'static StaticCell<T>, make: impl FnOnce() -> T) -> &'static mut T {
+    place.init_with(make)
+}
+
 /// A node that has started.
 pub struct Node {
     /// The board.
@@ -86,7 +93,7 @@ impl Node {
     #[cold]
     pub fn start(memory: &'static StaticCell<Reporter>, role: Role, start: Start) -> (Self, Option<Configured>) {
         let Start { board, clock, record, eui, reset, crash, cipher } = start;
-        let reporter: &_ = memory.init_with(|| Reporter::new(clock));
+        let reporter: &_ = fill(memory, || Reporter::new(clock));
         let found = crate::Start { record, eui, reset, crash, cipher };
         let (hello, followed) = introduce(reporter, board, role, found);
         let configured = followed.map(|(record, settings)| Configured { record, settings });

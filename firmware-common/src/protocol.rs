@@ -24,11 +24,12 @@ pub enum TagProtocol {
 }
 
 /// The protocol of an anchor.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
+#[cfg_attr(not(target_os = "none"), derive(Clone))]
 #[allow(clippy::large_enum_variant, reason = "there is one in a node")]
-pub enum AnchorProtocol {
+pub enum AnchorProtocol<'m> {
     /// Native mode.
-    Native(native::Anchor),
+    Native(native::Anchor<'m>),
     /// DecaRanging.
     DecaRanging(decaranging::Anchor),
 }
@@ -50,7 +51,7 @@ impl TagProtocol {
         let network = settings.network;
         match settings.protocol {
             ProtocolConfig::Native => {
-                let mut machine = native::Tag::new(native::TagConfig {
+                let mut protocol = Self::Native(native::Tag::new(native::TagConfig {
                     address: settings.address,
                     network,
                     anchors: tag.anchors_per_round,
@@ -58,14 +59,16 @@ impl TagProtocol {
                     scheme: tag.scheme.map_or(native::Scheme::SingleSided, native::Scheme::from),
                     tells: tag.tells,
                     blinks: settings.blinks,
-                });
-                if tag.sleep {
-                    machine.doze();
+                }));
+                if let Self::Native(machine) = &mut protocol {
+                    if tag.sleep {
+                        machine.doze();
+                    }
+                    if let Some(spacing) = settings.frame_spacing {
+                        machine.space_frames(spacing);
+                    }
                 }
-                if let Some(spacing) = settings.frame_spacing {
-                    machine.space_frames(spacing);
-                }
-                Self::Native(machine)
+                protocol
             }
             ProtocolConfig::DecaRanging(variant) => Self::DecaRanging(decaranging::Tag::new(decaranging::TagConfig {
                 eui: settings.eui,
@@ -83,18 +86,16 @@ impl TagProtocol {
     }
 }
 
-impl AnchorProtocol {
+impl<'m> AnchorProtocol<'m> {
     /// The protocol of an anchor with these settings, at this position in metres.
-    pub fn new(settings: &Settings, position_m: Option<[f32; 3]>) -> Self {
+    #[cold]
+    pub fn new(settings: &Settings, position_m: Option<[f32; 3]>, tables: native::AnchorTables<'m>) -> Self {
         let network = settings.network;
         let native = |rounds| {
-            Self::Native(native::Anchor::new(native::AnchorConfig {
-                address: settings.address,
-                network,
-                antenna_delay: RadioDuration::ZERO,
-                position_m,
-                rounds,
-            }))
+            let antenna_delay = RadioDuration::ZERO;
+            let address = settings.address;
+            let config = native::AnchorConfig { address, network, antenna_delay, position_m, rounds };
+            Self::Native(native::Anchor::new(config, tables))
         };
         match settings.protocol {
             ProtocolConfig::Native => native(None),
@@ -187,7 +188,7 @@ impl Protocol for TagProtocol {
     }
 }
 
-impl Protocol for AnchorProtocol {
+impl Protocol for AnchorProtocol<'_> {
     fn step(&mut self, now: RadioInstant, event: Event<'_>) -> Action<'_> {
         match self {
             Self::Native(anchor) => anchor.step(now, event),

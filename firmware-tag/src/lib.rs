@@ -167,6 +167,13 @@ pub async fn ranging<R: Restart, M: RawMutex>(
     ranging::node::run(&mut radio, &mut delay, &mut machine, &mut RangingListener::new(channels, sink)).await
 }
 
+/// Puts what `make` makes where it stays. It is made on the stack: not on that of a task which runs on.
+#[inline(never)]
+fn begun<T>(place: &mut Option<T>, make: impl FnOnce() -> T) -> &mut T {
+    *place = Some(make());
+    place.as_mut().expect("it was made")
+}
+
 /// The task that computes positions. It alone owns the solver and the track. It can follow `BEACONS` listed beacons:
 /// usually [`LISTED`].
 pub async fn engine<const BEACONS: usize, M: RawMutex>(
@@ -177,7 +184,8 @@ pub async fn engine<const BEACONS: usize, M: RawMutex>(
     sink: &impl Sink,
 ) -> Infallible {
     let LocatorConfig { settings, solver, beacons, tells_position } = locator;
-    let mut tracker = Tracker::<BEACONS>::new(settings, solver, &beacons);
+    let mut tracker = None;
+    let tracker = begun(&mut tracker, || Tracker::<BEACONS>::new(settings, solver, &beacons));
     let turns = tracker.wants_response();
     let mut fix = None;
     loop {

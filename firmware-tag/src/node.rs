@@ -5,7 +5,7 @@ use core::convert::Infallible;
 
 use embedded_hal_async::delay::DelayNs;
 use firmware_common::TagProtocol;
-use firmware_common::node::{Configured, Guard, Node, Reporter, TELEMETRY_BYTES, Tasks};
+use firmware_common::node::{Configured, Guard, Node, Reporter, TELEMETRY_BYTES, Tasks, fill};
 use heapless::Vec;
 use positioning_core::nlos::NodeModel;
 use ranging::Restart;
@@ -77,29 +77,32 @@ impl Memory {
 
     /// The tag that a record describes, with the radio's driver that `radio` creates. For a record of another role the
     /// function reports the fault and returns `None`.
+    #[inline(never)]
     #[cold]
     pub fn tag<R>(
         &'static self,
         node: &mut Node,
-        configured: Configured,
+        configured: &Configured,
         radio: impl FnOnce(Config) -> &'static mut R,
     ) -> Option<(RangingParts<R>, &'static mut Tag)> {
         let Configured { record, settings } = configured;
-        match settings.role {
+        match &settings.role {
             Role::Tag(config) => {
                 node.tasks = Tasks::RangingAndEngine;
-                let exchange = RangingParts {
-                    radio: radio(settings.radio),
-                    machine: self.machine.init_with(|| TagProtocol::new(&settings, &config)),
-                };
-                let tag = self.tag.init_with(|| Tag {
-                    config,
-                    channels: self.channels.init_with(TaskChannels::new),
+                let machine = fill(&self.machine, || TagProtocol::new(settings, config));
+                let exchange = RangingParts { radio: radio(settings.radio), machine };
+                let channels = fill(&self.channels, TaskChannels::new);
+                let anchors = fill(&self.anchors, || anchor_positions(record));
+                #[cfg(feature = "ble")]
+                let record = fill(&self.record, || record.clone());
+                let tag = fill(&self.tag, || Tag {
+                    config: *config,
+                    channels,
                     reporter: node.reporter,
-                    anchors: self.anchors.init_with(|| anchor_positions(&record)),
+                    anchors,
                     nlos_model: None,
                     #[cfg(feature = "ble")]
-                    record: self.record.init(record),
+                    record,
                     #[cfg(feature = "ble")]
                     surveyed: None,
                 });
@@ -122,7 +125,7 @@ impl Memory {
     ) {
         let beacons = &tag.record.beacons;
         tag.surveyed =
-            Some(self.surveyed.init_with(|| crate::site_models(models, beacons, |condition| node.report(condition))));
+            Some(fill(&self.surveyed, || crate::site_models(models, beacons, |condition| node.report(condition))));
     }
 }
 

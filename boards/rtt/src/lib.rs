@@ -11,7 +11,8 @@ use rtt_target::{ChannelMode, DownChannel, UpChannel, rtt_init, set_defmt_channe
 const LOG_BYTES: usize = 1024;
 /// A tag of 384 rounds a second with four ranges sends some 80 kB/s of telemetry: the channel holds a tenth of a second,
 /// for a computer that is busy for so long.
-const TELEMETRY_BYTES: usize = 8 * 1024;
+/// With the feature `small` a quarter of it.
+const TELEMETRY_BYTES: usize = if cfg!(feature = "small") { 2 } else { 8 } * 1024;
 const _: () = assert!(wire::telemetry::MAX_FRAME < TELEMETRY_BYTES);
 /// A message to a tag and half of the next one, bytes.
 const MESSAGE_BYTES: usize = 64;

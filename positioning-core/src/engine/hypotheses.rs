@@ -55,6 +55,7 @@ pub(super) struct Rival<T> {
 }
 
 impl<T: Real> Rival<T> {
+    #[inline(always)]
     pub(super) fn none() -> Self {
         Self { filter: Filter::new(), lead: None, astride: None, is_image: false, compared_us: 0 }
     }

@@ -65,7 +65,8 @@ pub(crate) struct State<T> {
 impl<T: Real> State<T> {
     /// All states are zero without uncertainty.
     pub(crate) fn new() -> Self {
-        Self { mean: [T::ZERO; STATES], packed: [T::ZERO; PACKED], live: LINKS }
+        // Constants are not made on the stack first.
+        Self { mean: const { [T::ZERO; STATES] }, packed: const { [T::ZERO; PACKED] }, live: LINKS }
     }
 
     /// The number of states in use, without the error of a reception of the reference anchor.

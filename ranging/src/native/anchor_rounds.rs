@@ -12,6 +12,7 @@ use super::anchor_table::AnchorTable;
 use super::authentication::SealedPoll;
 use super::coordinator::Coordinator;
 use super::leases::Leases;
+use super::memory::Table;
 use super::plan::{Rate, next_round, share_of};
 use super::round::RoundState;
 use super::timing::{Phase, Timing};
@@ -28,15 +29,16 @@ const FORGOTTEN_AFTER: u16 = 6;
 const MEAN_OF: u8 = 100;
 
 /// An anchor's rounds.
-#[derive(Clone, Debug)]
-pub struct AnchorRounds {
+#[derive(Debug)]
+#[cfg_attr(not(target_os = "none"), derive(Clone))]
+pub struct AnchorRounds<'m> {
     rate: Option<Rate>,
     heard: Vec<Other, MAX_HEARD>,
     /// The anchor that the next round names first: if there are more anchors than a round has places, all take turns.
     first: usize,
     round: RoundState,
     /// The anchors that answered.
-    anchors: AnchorTable,
+    anchors: Table<'m, AnchorTable>,
     bias: RangeBias,
     /// The superframe that `owned` is for.
     planned: Option<u16>,
@@ -59,15 +61,15 @@ struct Other {
     ranges: u8,
 }
 
-impl AnchorRounds {
+impl<'m> AnchorRounds<'m> {
     /// No anchor received yet.
-    pub fn new(rate: Option<Rate>) -> Self {
+    pub fn new(rate: Option<Rate>, anchors: Table<'m, AnchorTable>) -> Self {
         Self {
             rate,
             heard: Vec::new(),
             first: 0,
             round: RoundState::new(),
-            anchors: AnchorTable::new(),
+            anchors,
             bias: RangeBias::NONE,
             planned: None,
             owned: 0,

@@ -17,17 +17,16 @@
 //! A new coordinator goes on with its replica. What it has missed it may grant twice: then polls collide, neither lease
 //! is renewed, and both tags ask again.
 
-use heapless::Vec;
+use heapless::{Vec, VecView};
 
 use super::lease_entry::{Entry, RELAYED_SUPERFRAMES, Standing, Survey, TurnPlace, Waiting, free_turn, term};
 use super::lease_news::LeaseNews;
+use super::memory::Table;
 use super::plan::most_leased;
 use super::spread;
 use wire::uwb::layout::Layout;
 use wire::uwb::native::{Confirmation, Grant, Lease, LeasedPoll, SyncFrame, Turn, Turns};
 
-/// Leases that an anchor knows, 12 bytes each.
-const MAX_KNOWN: usize = 1024;
 /// From a grant to the first turn: the entry is repeated, and relayed.
 const NOTICE: u16 = 4;
 /// Leases on probation at a time weigh no more than this. One of whole slots weighs 100, one of a slot in n superframes
@@ -50,10 +49,11 @@ const PAUSE: u8 = 20;
 const ENDING: usize = 8;
 
 /// The leases of a network as an anchor knows them.
-#[derive(Clone, Debug)]
-pub struct Leases {
+#[derive(Debug)]
+#[cfg_attr(not(target_os = "none"), derive(Clone))]
+pub struct Leases<'m> {
     /// By tag; a tag may have two.
-    entries: Vec<Entry, MAX_KNOWN>,
+    entries: Table<'m, VecView<Entry>>,
     on_probation: u16,
     /// For the next sync frames.
     pub news: LeaseNews,
@@ -77,11 +77,11 @@ pub struct Leases {
     known: Survey,
 }
 
-impl Leases {
+impl<'m> Leases<'m> {
     /// No leases.
-    pub const fn new() -> Self {
+    pub const fn new(entries: Table<'m, VecView<Entry>>) -> Self {
         Self {
-            entries: Vec::new(),
+            entries,
             on_probation: 0,
             news: LeaseNews::new(),
             waiting: Vec::new(),
@@ -317,8 +317,9 @@ impl Leases {
         if !self.entries.is_full() {
             return;
         }
-        let from = usize::from(spread(tag, number, MAX_KNOWN as u16));
-        if let Some(place) = (from..MAX_KNOWN).chain(0..from).find(|&place| !self.entries[place].is_heard) {
+        let known = self.entries.len();
+        let from = usize::from(spread(tag, number, known as u16));
+        if let Some(place) = (from..known).chain(0..from).find(|&place| !self.entries[place].is_heard) {
             self.remove(place);
         }
     }
@@ -488,6 +489,7 @@ impl Leases {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::native::memory::AnchorTables;
     use std::vec::Vec;
     use wire::uwb::native::{MAX_BLINKS, Period};
 
@@ -495,17 +497,21 @@ mod tests {
         Turns::rounds(Period::at_most(superframes))
     }
 
+    fn leases() -> Leases<'static> {
+        Leases::new(AnchorTables::default().leases)
+    }
+
     /// A coordinator and a relay that receives all its sync frames, and which tags poll where.
     struct Network {
-        coordinator: Leases,
-        relay: Leases,
+        coordinator: Leases<'static>,
+        relay: Leases<'static>,
         number: u16,
         slots: u8,
     }
 
     impl Network {
         fn new(slots: u8) -> Self {
-            Self { coordinator: Leases::new(), relay: Leases::new(), number: 0, slots }
+            Self { coordinator: leases(), relay: leases(), number: 0, slots }
         }
 
         fn request(&mut self, tag: u16, superframes: u16) {
@@ -766,7 +772,7 @@ mod tests {
 
     #[test]
     fn slots_are_leased_as_needed_where_others_use_them() {
-        let mut leases = Leases::new();
+        let mut leases = leases();
         assert_eq!((leases.wanted_slots(0, 26, false), leases.wanted_slots(26, 26, true)), (SPARE_SLOTS, 0));
         let mut slots = 0;
         (0..25).for_each(|tag| leases.request(tag, every(10), 0, false));
@@ -782,7 +788,7 @@ mod tests {
 
     #[test]
     fn more_slots_are_leased_than_are_used_where_nobody_else_uses_them() {
-        let mut leases = Leases::new();
+        let mut leases = leases();
         let mut slots = 0;
         let mut grown = Vec::new();
         for number in 0..300_u16 {
@@ -810,7 +816,7 @@ mod tests {
 
     #[test]
     fn seven_blinks_share_each_turn_of_a_slot_and_rounds_have_slots_of_their_own() {
-        let mut leases = Leases::new();
+        let mut leases = leases();
         let all = 10 * u16::from(MAX_BLINKS);
         for tag in 0..all + 15 {
             // Each tenth tag ranges.
@@ -850,7 +856,7 @@ mod tests {
 
     #[test]
     fn one_round_slot_is_left_where_nobody_is_listed_and_an_eighth_where_somebody_is() {
-        let mut leases = Leases::new();
+        let mut leases = leases();
         // 26 less 26 / 8, rounded up.
         assert_eq!([false, true].map(|others| leases.most_slots(26, others)), [25, 22]);
         // 24 slots of ten turns. A tag that is listed then takes none of them away.

@@ -83,6 +83,7 @@ struct Former {
 
 impl RoundState {
     /// No round yet.
+    #[inline(always)]
     pub fn new() -> Self {
         Self {
             number: 0,

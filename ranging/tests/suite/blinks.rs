@@ -3,7 +3,9 @@
 use crate::air::anchors::{corner, drift};
 use crate::air::{ANTENNA_DELAY, Air, Boxed, What, boxed, boxed_sleeper};
 use ranging::exchange::{Arrival, ArrivedFrame, Protocol};
-use ranging::native::{Anchor, AnchorConfig, Network, NetworkKey, PollContent, Rate, Scheme, Tag, TagConfig};
+use ranging::native::{
+    Anchor, AnchorConfig, AnchorTables, Network, NetworkKey, PollContent, Rate, Scheme, Tag, TagConfig,
+};
 use ranging::{PhyConfig, RadioDuration};
 use wire::uwb::native::software_code;
 
@@ -16,13 +18,16 @@ fn room(air: &mut Air, key: Option<u8>, anchors: u16) -> Vec<usize> {
     (0..anchors)
         .map(|i| {
             let position = corner(i, anchors);
-            let mut anchor = Anchor::new(AnchorConfig {
-                address: i + 1,
-                network: network(key, i.into()),
-                antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
-                position_m: Some(position.map(|metres| metres as f32)),
-                rounds: None,
-            });
+            let mut anchor = Anchor::new(
+                AnchorConfig {
+                    address: i + 1,
+                    network: network(key, i.into()),
+                    antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
+                    position_m: Some(position.map(|metres| metres as f32)),
+                    rounds: None,
+                },
+                AnchorTables::default(),
+            );
             anchor.set_host(true);
             air.add(position, drift(i), boxed(anchor))
         })

@@ -8,7 +8,9 @@ use std::rc::Rc;
 use crate::air::anchors::{anchor, drift};
 use crate::air::{ANTENNA_DELAY, Air, Boxed, Owned, STAMPS, What};
 use ranging::exchange::Protocol;
-use ranging::native::{Anchor, AnchorConfig, Network, NetworkKey, PollContent, Rate, Scheme, Tag, TagConfig};
+use ranging::native::{
+    Anchor, AnchorConfig, AnchorTables, Network, NetworkKey, PollContent, Rate, Scheme, Tag, TagConfig,
+};
 use ranging::{PhyConfig, RadioDuration};
 use wire::uwb::native::{
     Answer, Carried, Downlink, Frame, Message, Poll, SyncFrame, TagCommand, UserData, software_code,
@@ -27,13 +29,16 @@ fn network(key: Option<u8>, seed: u64) -> Network {
 type Host = Rc<RefCell<VecDeque<Downlink>>>;
 
 fn gateway(network: Network, address: u16, host: &Host) -> Boxed {
-    let mut anchor = Anchor::new(AnchorConfig {
-        address,
-        network,
-        antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
-        position_m: Some([0.0, 0.0, 2.0]),
-        rounds: None,
-    });
+    let mut anchor = Anchor::new(
+        AnchorConfig {
+            address,
+            network,
+            antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
+            position_m: Some([0.0, 0.0, 2.0]),
+            rounds: None,
+        },
+        AnchorTables::default(),
+    );
     let host = host.clone();
     anchor.calibrate(&STAMPS);
     anchor.set_host(true);

@@ -180,17 +180,20 @@ fn a_native_tag_survives_anything() {
 
 #[test]
 fn a_native_anchor_survives_anything() {
-    use ranging::native::{Anchor, AnchorConfig};
+    use ranging::native::{Anchor, AnchorConfig, AnchorTables};
     for seed in 10..13 {
         let (antenna_delay, position_m) = (RadioDuration::from_ticks(16_436), Some([1.0, f32::NAN, 2.0]));
         torment(
-            Anchor::new(AnchorConfig {
-                address: ADDRESS,
-                network: NETWORK,
-                antenna_delay,
-                position_m,
-                rounds: (seed == 11).then_some(Rate::Greedy),
-            }),
+            Anchor::new(
+                AnchorConfig {
+                    address: ADDRESS,
+                    network: NETWORK,
+                    antenna_delay,
+                    position_m,
+                    rounds: (seed == 11).then_some(Rate::Greedy),
+                },
+                AnchorTables::default(),
+            ),
             seed,
         );
     }

@@ -12,7 +12,8 @@ use crate::air::{ANTENNA_DELAY, Air, Boxed, Flight, Owned, boxed, boxed_sleeper,
 use crate::attack::shared;
 use ranging::exchange::{Event, Link, Protocol};
 use ranging::native::{
-    Anchor, AnchorConfig, Network, NetworkKey, PollContent, Rate, Scheme, Tag, TagConfig, TdoaTag, TdoaTagConfig,
+    Anchor, AnchorConfig, AnchorTables, Network, NetworkKey, PollContent, Rate, Scheme, Tag, TagConfig, TdoaTag,
+    TdoaTagConfig,
 };
 use ranging::{PhyConfig, RadioDuration, Start};
 use wire::uwb::native::{Frame, Message, software_code};
@@ -340,7 +341,7 @@ fn an_anchor_counts_frames_without_its_code() {
         position_m: None,
         rounds: None,
     };
-    let (machine, handle) = shared(Anchor::new(config));
+    let (machine, handle) = shared(Anchor::new(config, AnchorTables::default()));
     let mut air = Air::new(PhyConfig::FAST, 10);
     air.add(corner(0, 4), 20.0, machine);
     let place = corner(1, 4);

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use crate::air::anchors::{self, corner, drift};
 use crate::air::{ANTENNA_DELAY, Air, Boxed, boxed, mischief, moments};
 use ranging::exchange::{Action, Event, Link, Protocol, Range};
-use ranging::native::{Anchor, AnchorConfig, Layout, Network, PollContent, Rate, Scheme, Tag, TagConfig};
+use ranging::native::{Anchor, AnchorConfig, AnchorTables, Layout, Network, PollContent, Rate, Scheme, Tag, TagConfig};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, Start};
 use wire::uwb::native::{Asked, Distance, Frame, Message, Poll};
 use wire::uwb::{BROADCAST, FrameBuffer};
@@ -754,13 +754,16 @@ fn a_coordinator_that_restarts_two_hundred_times_is_replaced_within_a_second() {
 #[test]
 fn an_anchor_tells_the_departure_with_the_delay_that_its_radio_has_in_force() {
     // Configured with 16436 ticks; the module's maker measured 16500.
-    let mut anchor = Anchor::new(AnchorConfig {
-        address: 1,
-        network: NETWORK,
-        antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
-        position_m: None,
-        rounds: None,
-    });
+    let mut anchor = Anchor::new(
+        AnchorConfig {
+            address: 1,
+            network: NETWORK,
+            antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
+            position_m: None,
+            rounds: None,
+        },
+        AnchorTables::default(),
+    );
     anchor.calibrate(&ranging::StampModel { antenna_delay: RadioDuration::from_ticks(16_500), ..crate::air::STAMPS });
     let (mut now, mut event) = (RadioInstant::from_ticks(1 << 30), Event::Started);
     // No other node is there: it founds a network.

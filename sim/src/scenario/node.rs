@@ -22,6 +22,7 @@ use positioning_core::nlos::Model;
 use rand::Rng;
 use ranging::PhyConfig;
 use ranging::Restart;
+use ranging::native::AnchorTables;
 use ranging::radio::Config;
 use wire::config::{LoadError, MAX_BYTES, Record, Role};
 use wire::telemetry::{Board, Condition, Hello, ResetCause};
@@ -131,7 +132,8 @@ impl Firmware for AnchorApp {
             let ranging = async {
                 let Some((_, settings)) = followed else { return pending().await };
                 let Role::Anchor { position_m } = settings.role else { return quiet(&reporter).await };
-                let machine = Charged::new(AnchorProtocol::new(&settings, position_m), &processor);
+                let machine =
+                    Charged::new(AnchorProtocol::new(&settings, position_m, AnchorTables::default()), &processor);
                 let machine = if self.0.is_attacked() { machine.seen(self.0.outlet.judge()) } else { machine };
                 let machine = match settings.protocol {
                     ProtocolConfig::Native | ProtocolConfig::Listening { .. } => machine.with_address(settings.address),

@@ -9,8 +9,8 @@ use object::read::{Object, ObjectSection, ObjectSymbol};
 use object::{File, SectionFlags, elf};
 use wire::config::Memory;
 
-use super::fast_code;
-use super::matrix::NodeImage;
+use super::matrix::{NodeImage, Platform};
+use super::{fast_code, stack};
 
 /// The magic word of an ESP app descriptor.
 const APP_DESCRIPTOR: u32 = 0xABCD_5432;
@@ -26,6 +26,8 @@ pub struct Takes {
     pub heap: Option<u64>,
     /// The RAM that is left for the stack.
     pub stack: u64,
+    /// The stack that a board's program needs, on a Cortex-M.
+    pub stack_needed: Option<u64>,
 }
 
 /// Bytes of flash: all sections that are loaded, but not those that are filled with zeros at the start.
@@ -80,7 +82,14 @@ pub fn inspect(file: &Path, image: &NodeImage) -> Result<Takes> {
     let bytes = fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
     let elf = parse(file, &bytes)?;
     check(&elf, image).with_context(|| file.display().to_string())?;
-    Ok(takes(&elf, image.platform.memory()))
+    let mut takes = takes(&elf, image.platform.memory());
+    if matches!(image.platform, Platform::Board(_)) && image.platform.target().is_cortex_m() {
+        let needed = stack::needed(&elf).with_context(|| file.display().to_string())?;
+        let (name, left) = (&image.name, takes.stack);
+        ensure!(needed <= left, "{name} needs up to {needed} bytes of stack, and {left} are left");
+        takes.stack_needed = Some(needed);
+    }
+    Ok(takes)
 }
 
 fn parse<'b>(file: &Path, bytes: &'b [u8]) -> Result<File<'b>> {
@@ -111,7 +120,7 @@ fn takes(elf: &File<'_>, memory: Memory) -> Takes {
         (Some(top), Some(bottom)) => top.saturating_sub(bottom),
         _ => ram_bytes.saturating_sub(ram),
     };
-    Takes { flash: flash_of(elf), ram, heap, stack }
+    Takes { flash: flash_of(elf), ram, heap, stack, stack_needed: None }
 }
 
 fn check(elf: &File<'_>, image: &NodeImage) -> Result<()> {

@@ -6,6 +6,7 @@ mod fast_code;
 mod hex;
 pub mod inspect;
 mod matrix;
+mod stack;
 
 use baliza_report::MarkdownTable;
 use std::fmt::Display;
@@ -247,12 +248,12 @@ fn lint(image: &NodeImage) -> Result<()> {
 }
 
 fn table(rows: &[Row<'_>]) -> String {
-    let titles = ["image", "target", "flash:", "budget:", "RAM:", "budget:", "heap:", "stack left:"];
+    let titles = ["image", "target", "flash:", "budget:", "RAM:", "budget:", "heap:", "stack left:", "needed:"];
     let mut table = MarkdownTable::new(titles);
     for row in rows {
         let Row { image, takes, .. } = row;
         table.row(format_args!(
-            "{}{} | {} | {} | {} | {} | {} | {} | {}",
+            "{}{} | {} | {} | {} | {} | {} | {} | {} | {}",
             image.name,
             if row.is_within() { "" } else { " **over**" },
             image.platform.target().triple(),
@@ -262,6 +263,7 @@ fn table(rows: &[Row<'_>]) -> String {
             kib(image.budget.ram),
             kib(takes.heap),
             kib(Some(takes.stack)),
+            kib(takes.stack_needed),
         ));
     }
     table.into_text()

@@ -26,7 +26,7 @@ async fn main(spawner: Spawner) {
     let Board { uwb, delay, care, start, ranging: above, .. } = Board::take();
     let (mut node, configured) = Node::start(&REPORTER, Role::Anchor, start);
     let radio = |config| RADIO.init_with(|| uwb.radio(config));
-    if let Some(anchor) = configured.and_then(|configured| MEMORY.anchor(&mut node, &configured, radio)) {
+    if let Some(anchor) = configured.as_ref().and_then(|configured| MEMORY.anchor(&mut node, configured, radio)) {
         above.spawn(ranging(anchor, delay).unwrap());
     }
     spawner.spawn(supervise(node, care).unwrap());

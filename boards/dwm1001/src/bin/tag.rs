@@ -62,7 +62,7 @@ async fn main(spawner: Spawner) {
     let mut board = Board::take();
     let (mut node, configured) = Node::start(&REPORTER, Role::Tag, board.start);
     let radio = |config| RADIO.init_with(|| board.uwb.radio(config));
-    if let Some((exchange, tag)) = configured.and_then(|configured| MEMORY.tag(&mut node, configured, radio)) {
+    if let Some((exchange, tag)) = configured.as_ref().and_then(|configured| MEMORY.tag(&mut node, configured, radio)) {
         tag.nlos_model = NLOS_MODEL.fill(&mut board.flash, node.board);
         #[cfg(feature = "ble")]
         MEMORY.use_beacon_models(tag, wire::config::decode_models(baliza_board_dwm1001::models()), &node);

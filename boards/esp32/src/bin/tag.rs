@@ -58,7 +58,7 @@ fn start(spawner: Spawner) {
         match board.uwb.wire(&configured.record) {
             Ok(uwb) => {
                 let radio = |config| RADIO.init_with(|| uwb.radio(config));
-                if let Some((exchange, tag)) = MEMORY.tag(&mut node, configured, radio) {
+                if let Some((exchange, tag)) = MEMORY.tag(&mut node, &configured, radio) {
                     tag.nlos_model = NLOS_MODEL.fill(&mut board.flash, node.board);
                     #[cfg(feature = "ble")]
                     MEMORY.use_beacon_models(tag, baliza_board_esp32::models(&mut board.flash), &node);

@@ -33,7 +33,7 @@ async fn main(spawner: Spawner) {
     let panel: &_ = PANEL.init_with(|| SharedPanel::new(Panel::new(awaiting)));
     spawner.spawn(display(lcd, panel).unwrap());
     let radio = |config| RADIO.init_with(|| uwb.radio(config));
-    if let Some(anchor) = configured.and_then(|configured| MEMORY.anchor(&mut node, &configured, radio)) {
+    if let Some(anchor) = configured.as_ref().and_then(|configured| MEMORY.anchor(&mut node, configured, radio)) {
         care.leds.show_role(true);
         above.spawn(ranging(anchor, panel).unwrap());
     }

@@ -17,7 +17,8 @@ static REPORTER: StaticCell<Reporter> = StaticCell::new();
 static RADIO: StaticCell<Radio> = StaticCell::new();
 static TAG: firmware_tag::node::Memory = firmware_tag::node::Memory::new();
 static NLOS_MODEL: NlosModelStore = NlosModelStore::new();
-static ANCHOR: firmware_anchor::node::Memory = firmware_anchor::node::Memory::new();
+// There is no room for more leases beside a tag's tables. The image of an anchor alone has 1,024.
+static ANCHOR: firmware_anchor::node::Memory<128> = firmware_anchor::node::Memory::new();
 static PANEL: StaticCell<SharedPanel> = StaticCell::new();
 
 /// What the task that owns the radio does.
@@ -61,10 +62,10 @@ async fn main(spawner: Spawner) {
     spawner.spawn(display(lcd, panel).unwrap());
     let (mut node, configured) = Node::start(&REPORTER, role, start);
     let radio = |config| RADIO.init_with(|| uwb.radio(config));
-    match configured {
+    match &configured {
         // The record's role comes from the switches.
         Some(configured) if switches.anchor => {
-            if let Some(anchor) = ANCHOR.anchor(&mut node, &configured, radio) {
+            if let Some(anchor) = ANCHOR.anchor(&mut node, configured, radio) {
                 above.spawn(ranging(Role::Anchor(anchor), panel).unwrap());
             }
         }

@@ -26,7 +26,7 @@ fn main() -> ! {
     let Board { uwb, delay, start, care } = Board::take();
     let (mut node, configured) = Node::start(&REPORTER, Role::Anchor, start);
     let radio = |config| RADIO.init_with(|| uwb.radio(config));
-    if let Some(anchor) = configured.and_then(|configured| MEMORY.anchor(&mut node, &configured, radio)) {
+    if let Some(anchor) = configured.as_ref().and_then(|configured| MEMORY.anchor(&mut node, configured, radio)) {
         care.ranging().spawn(ranging(anchor, delay).unwrap());
     }
     care.run(node)

@@ -30,7 +30,7 @@ fn main() -> ! {
     let Board { uwb, delay, start, care } = Board::take();
     let (mut node, configured) = Node::start(&REPORTER, Role::Tag, start);
     let radio = |config| RADIO.init_with(|| uwb.radio(config));
-    if let Some((exchange, tag)) = configured.and_then(|configured| MEMORY.tag(&mut node, configured, radio)) {
+    if let Some((exchange, tag)) = configured.as_ref().and_then(|configured| MEMORY.tag(&mut node, configured, radio)) {
         care.ranging().spawn(ranging(tag, exchange, delay).unwrap());
         care.background().spawn(engine(tag).unwrap());
     }

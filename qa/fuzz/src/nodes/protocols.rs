@@ -57,7 +57,7 @@ pub fn anchor(input: &[u8]) {
         antenna_delay: ANTENNA_DELAY,
         position_m: Some([1.0, 2.0, 3.0]),
         rounds: is_even(input).then_some(Rate::Greedy),
-    });
+    }, native::AnchorTables::default());
     anchor.set_host(input.first().is_some_and(|byte| byte & 4 != 0));
     drive(anchor, input);
 }

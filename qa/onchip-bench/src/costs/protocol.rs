@@ -11,7 +11,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use firmware_common::Reporter;
 use firmware_tag::{TaskChannels, TelemetrySink};
 use ranging::exchange::{Action, Event, Guidance, Protocol, Report};
-use ranging::native::{Anchor, AnchorConfig, Network, PollContent, Rate, Scheme, Tag, TagConfig};
+use ranging::native::{Anchor, AnchorConfig, AnchorMemory, Network, PollContent, Rate, Scheme, Tag, TagConfig};
 use ranging::node::{self, Listener};
 use ranging::{Pace, PhyConfig, RadioInstant, StampModel};
 use wire::uwb::native::{Frame, Message};
@@ -180,7 +180,9 @@ async fn anchor(world: &World, number: usize, costs: &MachineCosts) -> Infallibl
         position_m: Some(place),
         rounds: None,
     };
-    let mut machine = Measured { address: config.address, machine: Anchor::new(config), costs, reported: None };
+    let mut memory = AnchorMemory::<8>::new();
+    let machine = Anchor::new(config, (&mut memory).into());
+    let mut machine = Measured { address: config.address, machine, costs, reported: None };
     node::run(&mut radio, &mut world.delay(), &mut machine, &mut Silent).await
 }
 

@@ -62,11 +62,17 @@ impl Instrument {
 
     /// The cost of `call`, measured on two copies of `state`.
     pub fn cost_on<S: Clone>(&mut self, state: &S, call: impl Fn(&mut S)) -> Cost {
+        self.cost_twice(|| state.clone(), call)
+    }
+
+    /// The cost of `call`, measured on two equal states.
+    pub fn cost_twice<S>(&mut self, mut state: impl FnMut() -> S, call: impl Fn(&mut S)) -> Cost {
         let empty = self.count(|| ());
-        let mut copy = state.clone();
-        let instructions = self.count(|| call(black_box(&mut copy))) - empty;
-        let mut copy = state.clone();
-        let (stack, ()) = stack_of(|| call(black_box(&mut copy)));
+        let mut first = state();
+        let instructions = self.count(|| call(black_box(&mut first))) - empty;
+        drop(first);
+        let mut second = state();
+        let (stack, ()) = stack_of(|| call(black_box(&mut second)));
         Cost { instructions, stack }
     }
 

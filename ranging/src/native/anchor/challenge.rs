@@ -5,7 +5,7 @@ use crate::native::authentication::Moment;
 use crate::{RadioDuration, RadioInstant};
 use wire::uwb::native::Message;
 
-impl Anchor {
+impl Anchor<'_> {
     /// How much time there is before a challenge, if one is due.
     pub(super) fn spare_before_challenge(&mut self, present: RadioInstant) -> Option<RadioDuration> {
         let to_rmarker = self.config.network.phy.time_to_rmarker().ticks();

@@ -23,7 +23,7 @@ pub(super) struct PostponedFrame {
     diagnostics: Diagnostics,
 }
 
-impl Anchor {
+impl Anchor<'_> {
     /// Whether the anchor takes part in the network that it follows.
     fn takes_part(&self) -> bool {
         self.is_proven || self.config.network.key.is_none()

@@ -16,6 +16,7 @@ use super::compensation::Compensation;
 use super::coordinator::Coordinator;
 use super::downlinks::Downlinks;
 use super::leases::Leases;
+use super::memory::AnchorTables;
 use super::pace::Meter;
 use super::plan::Rate;
 use super::timing::{Timing, end_of};
@@ -76,14 +77,15 @@ enum Doing {
 
 /// The anchor's side of native mode. It reports changes of its place in the network. Where a tag reports its
 /// measurements, it also reports rounds of one range.
-#[derive(Clone, Debug)]
-pub struct Anchor {
+#[derive(Debug)]
+#[cfg_attr(not(target_os = "none"), derive(Clone))]
+pub struct Anchor<'m> {
     config: AnchorConfig,
     stamps: StampModel,
     meter: Meter,
     position: Option<Position>,
     network: Option<Coordinator>,
-    leases: Leases,
+    leases: Leases<'m>,
     uplink: Uplink,
     downlinks: Downlinks,
     /// Without a network: the instant at which to found one.
@@ -101,7 +103,7 @@ pub struct Anchor {
     answer: Option<Answer>,
     /// The last response to each tag, and the final that followed the response.
     answered: Vec<Answered, MAX_ANSWERED>,
-    rounds: AnchorRounds,
+    rounds: AnchorRounds<'m>,
     compensation: Compensation,
     link: Option<Link>,
     told: Option<ReportedRange>,
@@ -156,17 +158,17 @@ struct ReportedRange {
     range: [Range; 1],
 }
 
-impl Anchor {
+impl<'m> Anchor<'m> {
     /// An anchor that has not received any frame yet.
     #[cold]
-    pub fn new(config: AnchorConfig) -> Self {
+    pub fn new(config: AnchorConfig, tables: AnchorTables<'m>) -> Self {
         Self {
             config,
             stamps: StampModel { antenna_delay: config.antenna_delay, ..StampModel::IDEAL },
             meter: Meter::new(config.network.pinned),
             position: config.position_m.and_then(Position::from_metres),
             network: None,
-            leases: Leases::new(),
+            leases: Leases::new(tables.leases),
             uplink: Uplink::new(config.address),
             downlinks: Downlinks::new(),
             found_at: None,
@@ -178,7 +180,7 @@ impl Anchor {
             opened: Opened::default(),
             answer: None,
             answered: Vec::new(),
-            rounds: AnchorRounds::new(config.rounds),
+            rounds: AnchorRounds::new(config.rounds, tables.anchors),
             compensation: Compensation::default(),
             link: None,
             told: None,
@@ -330,7 +332,7 @@ impl Anchor {
     }
 }
 
-impl Protocol for Anchor {
+impl Protocol for Anchor<'_> {
     fn set_host(&mut self, has_host: bool) {
         self.has_host = has_host;
         self.uplink.set_host(has_host);

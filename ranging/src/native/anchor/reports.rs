@@ -4,7 +4,7 @@ use super::Anchor;
 use crate::native::coordinator::Coordinator;
 use crate::{RadioDuration, RadioInstant};
 
-impl Anchor {
+impl Anchor<'_> {
     /// What the last poll carried is reported, and passed on.
     pub(super) fn takes_polled(&mut self) -> bool {
         let Some((at, is_first)) = self.polled_at.take() else { return false };

@@ -7,7 +7,7 @@ use crate::{RadioDuration, RadioInstant, Start};
 use wire::uwb::layout::Scheme;
 use wire::uwb::native::Message;
 
-impl Anchor {
+impl Anchor<'_> {
     /// In the round slots: ranges to the other anchors in slots of its own, else listens.
     pub(super) fn among_rounds(&mut self, passed: RadioDuration, rest: RadioDuration) -> Action<'_> {
         let lead = self.meter.lead();

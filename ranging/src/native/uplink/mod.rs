@@ -107,6 +107,7 @@ const fn superframes_since(at: u16, number: u16) -> u8 {
 
 impl Uplink {
     /// No neighbours, and nobody reads.
+    #[inline(always)]
     pub const fn new(address: u16) -> Self {
         Self {
             address,

@@ -1,19 +1,22 @@
 //! Anchors of native mode on the air, and their positions in the tests.
 
 use ranging::RadioDuration;
-use ranging::native::{Anchor, AnchorConfig, Network, Rate};
+use ranging::native::{Anchor, AnchorConfig, AnchorTables, Network, Rate};
 
 use super::{ANTENNA_DELAY, Air, Boxed, boxed};
 
 /// An anchor with a known position, which ranges to the other anchors as often as `rounds` says.
 pub fn anchor(network: Network, address: u16, position: [f64; 3], rounds: Option<Rate>) -> Boxed {
-    boxed(Anchor::new(AnchorConfig {
-        address,
-        network,
-        antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
-        position_m: Some(position.map(|metres| metres as f32)),
-        rounds,
-    }))
+    boxed(Anchor::new(
+        AnchorConfig {
+            address,
+            network,
+            antenna_delay: RadioDuration::from_ticks(ANTENNA_DELAY),
+            position_m: Some(position.map(|metres| metres as f32)),
+            rounds,
+        },
+        AnchorTables::default(),
+    ))
 }
 
 /// The position of anchor `i` of `anchors` anchors on a circle of 10 m.

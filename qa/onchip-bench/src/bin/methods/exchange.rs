@@ -4,7 +4,9 @@ use core::hint::black_box;
 
 use onchip_bench::instrument::Instrument;
 use ranging::exchange::{Action, Event, Protocol, Report};
-use ranging::native::{Anchor, AnchorConfig, Layout, Network, PollContent, Rate, Scheme, Tag, TagConfig, Timing};
+use ranging::native::{
+    Anchor, AnchorConfig, AnchorMemory, Layout, Network, PollContent, Rate, Scheme, Tag, TagConfig, Timing,
+};
 use ranging::{Diagnostics, PhyConfig, RadioDuration, RadioInstant, RxFrame, StampModel, Start};
 use semihosting::println;
 use wire::uwb::native::{Frame, Member, Message, OWNED_SYNC_SLOTS, Share, SyncFrame};
@@ -94,19 +96,10 @@ fn print_answer(
     poll: &[u8],
     departure: RadioInstant,
 ) -> (FrameBuffer, RadioInstant) {
-    let mut anchor = Anchor::new(AnchorConfig {
-        address,
-        network: NETWORK,
-        antenna_delay: ANTENNA_DELAY,
-        position_m: None,
-        rounds: None,
-    });
-    anchor.calibrate(&STAMPS);
-    settle(anchor.step(departure, Event::Started));
-    // The sync frame of another anchor tells this anchor when to answer.
-    let sync_frame = sync_frame(address as u8);
-    settle(anchor.step(departure, Event::Received(heard(sync_frame.bytes(), departure))));
-    let before = anchor.clone();
+    let mut memories = [const { AnchorMemory::new() }; 3];
+    let mut memories = memories.iter_mut();
+    let mut state = || anchor_in(memories.next().expect("there are three"), address, departure);
+    let mut anchor = state();
     let poll_rx = departure.plus(FLIGHT);
     let frame = heard(poll, poll_rx);
     let Action::Transmit { frame: response, start: Start::At(start), .. } =
@@ -114,11 +107,23 @@ fn print_answer(
     else {
         panic!("no response")
     };
-    let cost = instrument.cost_on(&before, |anchor| {
+    let cost = instrument.cost_twice(state, |anchor| {
         black_box(anchor.step(black_box(poll_rx), black_box(Event::Received(frame))));
     });
     cost.print(format_args!("frame answer {}", response.len()), &[]);
     (copied(response), start)
+}
+
+/// An anchor that a sync frame of another anchor has told when to answer.
+fn anchor_in(memory: &mut AnchorMemory<4>, address: u16, now: RadioInstant) -> Anchor<'_> {
+    let config =
+        AnchorConfig { address, network: NETWORK, antenna_delay: ANTENNA_DELAY, position_m: None, rounds: None };
+    let mut anchor = Anchor::new(config, memory.into());
+    anchor.calibrate(&STAMPS);
+    settle(anchor.step(now, Event::Started));
+    let sync_frame = sync_frame(address as u8);
+    settle(anchor.step(now, Event::Received(heard(sync_frame.bytes(), now))));
+    anchor
 }
 
 /// The step in which the tag makes a range of a response; after the last, also the ranges of the round.
