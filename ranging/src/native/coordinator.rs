@@ -187,7 +187,8 @@ impl Coordinator {
         }
         let is_alone = self.coordinates() && self.course.membership.members().is_empty() && !self.slot.has_neighbours();
         let is_fresher = sync_frame.age < self.election.age;
-        match (self.election.receive(sync_frame, is_alone), in_step) {
+        let lateness = self.course.lateness(sync_frame, rx_time);
+        match (self.election.receive(sync_frame, is_alone, lateness), in_step) {
             (Choice::Same, Some(phase)) => {
                 if sync_frame.hops < self.election.hops || is_fresher {
                     self.course.phase = phase;
@@ -337,13 +338,14 @@ impl Coordinator {
     }
 
     /// The sync slot of this superframe, unless its sync frame is finished. An anchor transmits in a shared slot if it
-    /// was too late for its own. An anchor without a slot of its own transmits in a shared slot now and then.
+    /// was too late for its own, or listens in it. An anchor without a slot of its own transmits in a shared slot now and then.
     pub fn due(&self) -> Option<u8> {
         let number = self.course.phase.number;
         if self.told == Some(number) {
             return None;
         }
         match self.slot.own() {
+            Some(_) if self.slot.is_listened_to(number) => None,
             Some(_) if self.late == Some(number) => Some(self.slot.shared(number)),
             Some(slot) => Some(slot),
             None if self.listened > 1 => self.slot.shared_at_random(number),
@@ -354,6 +356,19 @@ impl Coordinator {
     /// This superframe's sync frame is finished.
     pub fn skip(&mut self) {
         self.told = Some(self.course.phase.number);
+    }
+
+    /// A sync frame came. If it is another network's, and came while this anchor listened in its own slot, both send at the
+    /// same time, and this anchor hears no more of that network: it takes another slot.
+    pub fn make_way(&mut self, sync_frame: &SyncFrame, rx_time: RadioInstant) {
+        let Superframes { timing, phase, session, .. } = &self.course;
+        let is_own = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator)
+            && sync_frame.session.map(|told| told.number) == *session;
+        let Some(slot) = self.slot.own().filter(|_| !is_own && self.slot.is_listened_to(phase.number)) else { return };
+        let off = rx_time.since(phase.at(timing.sync_frame(slot.into()))).ticks();
+        if off.abs() < timing.sync_slot.ticks() {
+            self.slot.leave();
+        }
     }
 
     /// The sync frame was too late for its slot: there is one more chance in this superframe, in a shared slot.

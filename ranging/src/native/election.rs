@@ -5,6 +5,9 @@
 //! wrap, since a circle has no latest term: a network whose coordinator has changed 255 times keeps the term 255. There
 //! an anchor that takes over is followed whatever its address is, because the coordinator before it is silent.
 //!
+//! Of a network with a key that was in two parts for long, the part prevails whose superframes are ahead, whatever the terms
+//! are: sync frames of the other part could be recorded ones.
+//!
 //! Sync frames are not authenticated, and a single sync frame with a later term must not end a working network. So a
 //! node follows a coordinator that prevails
 //!
@@ -16,6 +19,8 @@
 //! - else only after patience: its sync frames must come in [`NEAR_PATIENCE`] superframes, or in [`FAR_PATIENCE`] if it
 //!   is more than one term ahead. Only single superframes may be missing in between. In this way two networks merge
 //!   that have worked for long and come into range of each other.
+
+use core::cmp::Ordering;
 
 use super::prevails;
 use super::timing::HOLDOVER_SUPERFRAMES;
@@ -113,8 +118,9 @@ impl Election {
         self.candidate = self.candidate.filter(|candidate| candidate.unheard <= PAUSE + 1);
     }
 
-    /// A sync frame was received. `is_alone`: a change would leave no other node behind.
-    pub fn receive(&mut self, sync_frame: &SyncFrame, is_alone: bool) -> Choice {
+    /// A sync frame was received. `is_alone`: a change would leave no other node behind. `lateness`: how it comes by the clock
+    /// of the own session.
+    pub fn receive(&mut self, sync_frame: &SyncFrame, is_alone: bool, lateness: Ordering) -> Choice {
         let (told, followed) = ((sync_frame.term, sync_frame.coordinator), (self.term, self.coordinator));
         if told == followed {
             let hops = sync_frame.hops.saturating_add(1);
@@ -127,7 +133,12 @@ impl Election {
         }
         let is_silent = u16::from(self.age) > HOLDOVER_SUPERFRAMES + u16::from(self.hops);
         let takes_over_last_term = is_silent && sync_frame.age < self.age && told.0 == u8::MAX && followed.0 == u8::MAX;
-        if !prevails(told, followed) && !takes_over_last_term {
+        let prevails = match lateness {
+            Ordering::Less => true,
+            Ordering::Equal => prevails(told, followed) || takes_over_last_term,
+            Ordering::Greater => false,
+        };
+        if !prevails {
             return Choice::Older;
         }
         let ahead = told.0.saturating_sub(followed.0);
@@ -187,14 +198,17 @@ mod tests {
     /// A superframe with a sync frame of the followed coordinator.
     fn superframe(election: &mut Election) {
         election.advance(1);
-        assert_eq!(election.receive(&sync_frame(election.term, election.coordinator), false), Choice::Same);
+        assert_eq!(
+            election.receive(&sync_frame(election.term, election.coordinator), false, Ordering::Equal),
+            Choice::Same
+        );
     }
 
     /// Superframes, of 1000, until a sync frame in each of them is followed.
     fn patience(mut election: Election, told: &SyncFrame) -> Option<usize> {
         (0..1000).position(|_| {
             superframe(&mut election);
-            election.receive(told, false) == Choice::Change
+            election.receive(told, false, Ordering::Equal) == Choice::Change
         })
     }
 
@@ -203,14 +217,17 @@ mod tests {
         let mut election = settled();
         // A message from the superframe before last, over one more hop, is not too old.
         for age in 0..4 {
-            assert_eq!(election.receive(&sync_frame(4, 9), false), Choice::Refused, "age {age}");
+            assert_eq!(election.receive(&sync_frame(4, 9), false, Ordering::Equal), Choice::Refused, "age {age}");
             election.advance(1);
         }
-        assert_eq!(election.receive(&sync_frame(4, 9), false), Choice::Change);
-        assert_eq!(election.receive(&sync_frame(103, 9), false), Choice::Change);
-        assert_eq!(election.receive(&sync_frame(2, 1), false), Choice::Older);
+        assert_eq!(election.receive(&sync_frame(4, 9), false, Ordering::Equal), Choice::Change);
+        assert_eq!(election.receive(&sync_frame(103, 9), false, Ordering::Equal), Choice::Change);
+        assert_eq!(election.receive(&sync_frame(2, 1), false, Ordering::Equal), Choice::Older);
         // 200 terms back, which a circle would take for 56 ahead.
-        assert_eq!(Election::joined(&sync_frame(200, 5)).receive(&sync_frame(0, 1), false), Choice::Older);
+        assert_eq!(
+            Election::joined(&sync_frame(200, 5)).receive(&sync_frame(0, 1), false, Ordering::Equal),
+            Choice::Older
+        );
     }
 
     #[test]
@@ -224,21 +241,21 @@ mod tests {
         for i in 0..1000 {
             superframe(&mut seldom);
             superframe(&mut changing);
-            assert!(i % 3 > 0 || seldom.receive(&sync_frame(4, 9), false) == Choice::Refused);
-            assert_eq!(changing.receive(&sync_frame(4, 100 + i), false), Choice::Refused);
+            assert!(i % 3 > 0 || seldom.receive(&sync_frame(4, 9), false, Ordering::Equal) == Choice::Refused);
+            assert_eq!(changing.receive(&sync_frame(4, 100 + i), false, Ordering::Equal), Choice::Refused);
         }
     }
 
     #[test]
     fn a_restart_of_the_coordinator_is_followed_at_once_but_not_each_superframe() {
         let mut election = settled();
-        assert_eq!(election.receive(&sync_frame(4, 5), false), Choice::Change);
+        assert_eq!(election.receive(&sync_frame(4, 5), false, Ordering::Equal), Choice::Change);
         election.follow(&sync_frame(4, 5));
         election.advance(1);
-        assert_eq!(election.receive(&sync_frame(5, 5), false), Choice::Refused);
+        assert_eq!(election.receive(&sync_frame(5, 5), false, Ordering::Equal), Choice::Refused);
         election.advance(1);
-        assert_eq!(election.receive(&sync_frame(6, 5), false), Choice::Refused);
-        assert_eq!(election.receive(&sync_frame(5, 5), false), Choice::Change);
+        assert_eq!(election.receive(&sync_frame(6, 5), false, Ordering::Equal), Choice::Refused);
+        assert_eq!(election.receive(&sync_frame(5, 5), false, Ordering::Equal), Choice::Change);
     }
 
     /// A node that has worked for a minute as the coordinator of a network.
@@ -276,7 +293,7 @@ mod tests {
                 let (source, Election { term, coordinator, hops, age, .. }) = (*address, *node);
                 for (_, other) in nodes.iter_mut().filter(|(address, _)| *address != source) {
                     let told = SyncFrame { hops, age, ..sync_frame(term, coordinator) };
-                    if other.receive(&told, false) == Choice::Change {
+                    if other.receive(&told, false, Ordering::Equal) == Choice::Change {
                         other.follow(&told);
                     }
                 }
@@ -294,26 +311,26 @@ mod tests {
         let mut election = coordinator(u8::MAX, 5);
         election.hops = 1;
         // As long as coordinator 5 is received, the higher address does not prevail.
-        assert_eq!(election.receive(&told, false), Choice::Older);
+        assert_eq!(election.receive(&told, false, Ordering::Equal), Choice::Older);
         election.advance(4);
-        assert_eq!(election.receive(&told, false), Choice::Change);
+        assert_eq!(election.receive(&told, false, Ordering::Equal), Choice::Change);
         election.follow(&told);
         // Who has not followed yet repeats the old coordinator's message, which changes nothing.
         let old = SyncFrame { age: 4, hops: 1, ..sync_frame(u8::MAX, 5) };
-        assert_eq!(election.receive(&old, false), Choice::Refused);
+        assert_eq!(election.receive(&old, false, Ordering::Equal), Choice::Refused);
     }
 
     #[test]
     fn young_networks_merge_at_once_and_so_does_an_anchor_that_is_alone() {
         let mut young = Election::joined(&sync_frame(0, 5));
         young.advance(YOUNG - 1);
-        assert_eq!(young.receive(&sync_frame(0, 5), false), Choice::Same);
-        assert_eq!(young.receive(&sync_frame(0, 4), false), Choice::Change);
+        assert_eq!(young.receive(&sync_frame(0, 5), false, Ordering::Equal), Choice::Same);
+        assert_eq!(young.receive(&sync_frame(0, 4), false, Ordering::Equal), Choice::Change);
         let mut alone = Election::founded(5);
         for _ in 0..600 {
             alone.advance(1);
             alone.age = 0;
         }
-        assert_eq!(alone.receive(&sync_frame(7, 9), true), Choice::Change);
+        assert_eq!(alone.receive(&sync_frame(7, 9), true, Ordering::Equal), Choice::Change);
     }
 }

@@ -288,6 +288,7 @@ impl<'m> Leases<'m> {
                 (Grant::Refused, ..) => !self.news.is_announced(lease),
                 (_, None, _) => {
                     self.forget_unproven(lease.tag);
+                    self.forget_others(lease.tag, lease.turn);
                     self.make_room(lease.tag, number);
                     let standing = if lease.grant == Grant::New { Standing::Probation } else { Standing::Proven };
                     self.insert(lease.tag, lease.turn, standing, number).is_some()
@@ -321,6 +322,16 @@ impl<'m> Leases<'m> {
         let from = usize::from(spread(tag, number, known as u16));
         if let Some(place) = (from..known).chain(0..from).find(|&place| !self.entries[place].is_heard) {
             self.remove(place);
+        }
+    }
+
+    /// The coordinator has given these turns to a tag: leases of other tags in them are those of another coordinator, or
+    /// have ended unnoticed.
+    fn forget_others(&mut self, tag: u16, turn: Turn) {
+        for place in (0..self.entries.len()).rev() {
+            if self.entries[place].tag != tag && self.entries[place].turn.meets(turn) {
+                self.remove(place);
+            }
         }
     }
 

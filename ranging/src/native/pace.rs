@@ -186,9 +186,12 @@ impl Meter {
         }
     }
 
-    /// The node decided this long after the instant at which it was to wake, too late for a transmission.
+    /// The node decided this long after the instant at which it was to wake, too late for a transmission. Who was halted
+    /// is not slow.
     pub fn overslept(&mut self, after: RadioDuration) {
-        self.lead.take_at_once(RadioDuration::from_ticks(self.lead.ticks.saturating_add(after.ticks().max(0))));
+        if after.ticks() <= LONGEST.ticks() {
+            self.lead.take_at_once(RadioDuration::from_ticks(self.lead.ticks.saturating_add(after.ticks().max(0))));
+        }
     }
 
     /// An answer was too late, and the radio does not measure by how much.

@@ -1,5 +1,7 @@
 //! The position of a node in the course of a network's superframes, and what is in force there: phase, members, layout.
 
+use core::cmp::Ordering;
+
 use super::authentication::Moment;
 use super::plan::Membership;
 use super::timing::{Network, Phase, Timing};
@@ -153,6 +155,18 @@ impl Superframes {
         self.session.map(|number| Session { number, epoch: self.epoch, answer })
     }
 
+    /// How a sync frame of the own session, which nobody can forge, comes by this clock: `Greater` is late by more than half a
+    /// superframe, as a recorded one or one of a network that is behind; `Less` is as early.
+    pub fn lateness(&self, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Ordering {
+        let told = Moment::of_sync_frame(sync_frame).zip(self.moment());
+        let Some((told, own)) = told.filter(|(told, own)| told.session == own.session) else { return Ordering::Equal };
+        let begin = Phase::from_sync_frame(&self.timing, sync_frame.superframe, sync_frame.slot, rx_time).start;
+        let superframe = self.timing.superframe.ticks();
+        let ahead = i64::from(told.superframe) - i64::from(own.superframe);
+        let late = begin.since(self.phase.start).ticks().saturating_sub(ahead.saturating_mul(superframe));
+        if (-superframe / 2..=superframe / 2).contains(&late) { Ordering::Equal } else { late.cmp(&0) }
+    }
+
     /// An instant in this superframe or the one before, in 1/256 of a superframe, wrapping.
     pub fn of_256th(&self, instant: RadioInstant) -> u16 {
         // The chip has no 64-bit division.
@@ -203,7 +217,7 @@ impl Superframes {
         }
         let sent = timing.sync_frame(sync_frame.slot.into()).ticks() - i64::from(behind) * timing.superframe.ticks();
         let late = rx_time.since(self.phase.at(RadioDuration::from_ticks(sent))).ticks();
-        behind > LONG_AGO || late > self.timing.guard.ticks().saturating_add(uncertainty.ticks())
+        behind > LONG_AGO || late > self.timing.in_step().ticks().saturating_add(uncertainty.ticks())
     }
 
     /// The phase of a sync frame that arrived at `rx_time`, if its superframe has the same number and beginning as this
@@ -221,7 +235,7 @@ impl Superframes {
     ) -> Option<Phase> {
         let phase = Phase::from_sync_frame(&self.timing, sync_frame.superframe, sync_frame.slot, rx_time);
         let off = phase.start.since(self.phase.start).ticks().unsigned_abs();
-        let tolerance = self.timing.guard.ticks().saturating_add(uncertainty.ticks());
+        let tolerance = self.timing.in_step().ticks().saturating_add(uncertainty.ticks());
         let is_now = sync_frame
             .session
             .is_none_or(|session| Some(session.number) == self.session && session.epoch == self.epoch);
@@ -301,8 +315,8 @@ mod tests {
             let rx_time = course.phase.at(RadioDuration::from_ticks(sent + micros * 63_898));
             course.is_delayed(RadioDuration::from_micros(10), sync_frame, rx_time)
         };
-        // The guard is 3 · 100 ms · 40 ppm and 3 µs: 15 µs.
-        assert_eq!([-500, 24, 26, 500].map(|micros| is_delayed(micros, &told(18, 7))), [false, false, true, true]);
+        // The guard is 3 · 100 ms · 40 ppm and 3 µs: 15 µs. Twice that, and 10 µs.
+        assert_eq!([-500, 39, 41, 500].map(|micros| is_delayed(micros, &told(18, 7))), [false, false, true, true]);
         assert!(!is_delayed(500, &told(18, 8)) && !is_delayed(500, &told(21, 7)));
         // With another layout, of which superframes last as long or longer, slot 1 begins later. One that is only announced
         // is not in force yet.

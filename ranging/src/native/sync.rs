@@ -1,5 +1,7 @@
 //! How a tag follows a network: the time, the coordinator, and who may range when.
 
+use core::cmp::Ordering;
+
 use super::authentication::Moment;
 use super::election::{Choice, Election};
 use super::plan::Plan;
@@ -104,7 +106,7 @@ impl Sync {
             // A sync frame of the network that was repeated later gives no information about its coordinator.
             let choice = match in_step {
                 None if is_the_same => Choice::Older,
-                None | Some(_) => self.election.receive(sync_frame, false),
+                None | Some(_) => self.election.receive(sync_frame, false, Ordering::Equal),
             };
             match (choice, in_step) {
                 (Choice::Same | Choice::Change, Some(phase)) => {

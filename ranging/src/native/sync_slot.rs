@@ -32,6 +32,8 @@ const MANY_FREE: u16 = 4;
 /// [`FIRST_SHARED_EVERY`], and twice as often after each further 32 superframes.
 const SHARED_EVERY: u16 = 4;
 const FIRST_SHARED_EVERY: u16 = 32;
+/// In one superframe of this many, an anchor listens in its own slot.
+const LISTENED_EVERY: u16 = 128;
 /// Others in shared slots are counted for this many superframes.
 const COUNTED: u16 = 256;
 
@@ -99,6 +101,11 @@ impl SyncSlot {
         self.own
     }
 
+    /// Whether the anchor listens in its own slot in this superframe.
+    pub fn is_listened_to(&self, number: u16) -> bool {
+        spread(self.address, number, LISTENED_EVERY) == 0
+    }
+
     /// A sync frame of the same network came.
     #[inline(never)]
     pub fn receive(&mut self, source: u16, sync_frame: &SyncFrame) {
@@ -133,7 +140,7 @@ impl SyncSlot {
         self.contested >= least && u16::from(self.contested - least) >= spread(self.address, number, CONTESTED.into())
     }
 
-    fn leave(&mut self) {
+    pub fn leave(&mut self) {
         (self.own, self.contested, self.is_contested) = (None, 0, false);
     }
 

@@ -325,6 +325,12 @@ impl Timing {
         RadioDuration::from_ticks(self.response_slot.ticks() / 2)
     }
 
+    /// How far apart the beginnings of a superframe may be according to two sync frames: the time goes from anchor to
+    /// anchor, each of which may have held it over. A sync frame that was recorded and repeated comes much later.
+    pub const fn in_step(&self) -> RadioDuration {
+        times(self.guard, 2)
+    }
+
     /// From the beginning of the superframe to the end of its sync slots, where the round slots begin.
     pub const fn rounds(&self) -> RadioDuration {
         times(self.sync_slot, SYNC_SLOTS as i64)

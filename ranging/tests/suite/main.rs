@@ -5,6 +5,7 @@ mod attack;
 mod blinks;
 mod decaranging;
 mod downlinks;
+mod faults;
 mod forged_leases;
 mod hostile;
 mod keyed;

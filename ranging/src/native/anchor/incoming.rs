@@ -8,7 +8,7 @@ use crate::native::authentication::{Forged, Moment, SealedPoll};
 use crate::native::coordinator::{Coordinator, FollowUpdate};
 use crate::native::plan::NOTICE_SUPERFRAMES;
 use crate::native::spread;
-use crate::native::timing::{Phase, SYNC_SLOTS, Timing, end_of};
+use crate::native::timing::{Phase, SUPERFRAME, SYNC_SLOTS, Timing, end_of};
 use crate::radio::MAX_FRAME;
 use crate::{Diagnostics, RadioDuration, RadioInstant, RxFrame};
 use wire::uwb::BROADCAST;
@@ -22,6 +22,10 @@ pub(super) struct PostponedFrame {
     rx_time: RadioInstant,
     diagnostics: Diagnostics,
 }
+
+/// An anchor that was restarted as the coordinator founds a network of its own if no other one has taken over within
+/// this many superframes.
+const SUCCESSOR_SUPERFRAMES: i64 = 20;
 
 impl Anchor<'_> {
     /// Whether the anchor takes part in the network that it follows.
@@ -167,6 +171,9 @@ impl Anchor<'_> {
         if usize::from(sync_frame.slot) >= SYNC_SLOTS || source == self.config.address {
             return;
         }
+        if let Some(network) = &mut self.network {
+            network.make_way(sync_frame, frame.rx_time);
+        }
         if !self.is_present(sync_frame, frame.rx_time) {
             return;
         }
@@ -188,6 +195,14 @@ impl Anchor<'_> {
                 if is_known {
                     self.uplink.receive(source, sync_frame, network.own_slot());
                     self.downlinks.receive(sync_frame);
+                }
+            }
+            // It was the coordinator, and has forgotten all leases. Another anchor knows them, and takes over.
+            None if sync_frame.coordinator == self.config.address => {
+                if !self.awaits_successor {
+                    let patience = SUCCESSOR_SUPERFRAMES * SUPERFRAME.ticks();
+                    self.found_at = Some(frame.rx_time.plus(RadioDuration::from_ticks(patience)));
+                    self.awaits_successor = true;
                 }
             }
             None => {

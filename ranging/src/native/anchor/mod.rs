@@ -90,6 +90,8 @@ pub struct Anchor<'m> {
     downlinks: Downlinks,
     /// Without a network: the instant at which to found one.
     found_at: Option<RadioInstant>,
+    /// It was the coordinator before it restarted, and gives others time to take over.
+    awaits_successor: bool,
     challenger: Challenger,
     /// The network is known to be there. Until then the anchor only listens to it; it matters with a key.
     is_proven: bool,
@@ -172,6 +174,7 @@ impl<'m> Anchor<'m> {
             uplink: Uplink::new(config.address),
             downlinks: Downlinks::new(),
             found_at: None,
+            awaits_successor: false,
             challenger: Challenger::default(),
             is_proven: false,
             postponed: None,

@@ -133,7 +133,9 @@ impl Tag {
     /// In the sync slots: listens, and requests slots if the listed share differs from the wanted one.
     fn among_sync_frames(&mut self, passed: RadioDuration, end: RadioDuration) -> Action<'_> {
         let rest = RadioDuration::from_ticks(end.ticks() - passed.ticks());
-        let Some(due) = self.due_request(end).filter(|due| due.rmarker < end) else { return Self::listen(rest) };
+        let Some(network) = &self.network else { return Self::listen(rest) };
+        let rounds = network.sync.course.timing.rounds();
+        let Some(due) = self.due_request(end).filter(|due| due.rmarker < rounds) else { return Self::listen(rest) };
         match self.time_to_request(due, passed) {
             Now::Nothing => Self::listen(rest),
             Now::Wait(spare) => Self::listen(spare),
@@ -379,8 +381,13 @@ impl Followed {
         if !wants_lease && lists(&plan.members, config.address) {
             self.lease.release();
         }
+        // Turns in a slot that is not leased were given by another coordinator, or by another layout.
+        let leased = plan.slots.leased.min(timing.round_slots);
+        if self.lease.turn().is_some_and(|turn| turn.slot >= leased) {
+            self.lease.release();
+        }
         self.owned = match self.lease.turn() {
-            Some(turn) if turn.is_in(number) && turn.slot < plan.slots.leased.min(timing.round_slots) => turn.bit(),
+            Some(turn) if turn.is_in(number) => turn.bit(),
             Some(_) => 0,
             None => plan.owned_slots(config.address, number, timing),
         };

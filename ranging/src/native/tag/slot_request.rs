@@ -61,7 +61,9 @@ impl Tag {
             // It has just given its place up.
             network.request_in = in_turn(number, address);
         }
-        (network.request_in == 0).then(|| network.place_request(share, &timing, address, end))
+        // Who has no slots need not decide on a round meanwhile.
+        let end = if network.joined { end } else { timing.rounds() };
+        if network.request_in > 0 { None } else { network.place_request(share, &timing, address, end) }
     }
 
     /// Whether a request must be sent now.
@@ -117,13 +119,13 @@ fn in_turn(number: u16, address: u16) -> u16 {
 }
 
 impl Followed {
-    /// A request in this superframe, at a place that is drawn at random.
-    fn place_request(&self, share: Share, timing: &Timing, address: u16, end: RadioDuration) -> DueRequest {
+    /// A request in this superframe, at a place that is drawn at random; `None` if there is none before `end`.
+    fn place_request(&self, share: Share, timing: &Timing, address: u16, end: RadioDuration) -> Option<DueRequest> {
         let in_reach = |slot: &u8| timing.request(usize::from(*slot)) < end;
         let shared = (0..timing.request_slots).take_while(in_reach).count() as u16;
         let is_free = !self.joined && self.sync.plan().is_some();
         let (begin, further) = if is_free { self.sync.course.request_places() } else { (0, 0) };
-        let places = shared + further;
+        let places = Some(shared + further).filter(|places| *places > 0)?;
         let drawn = spread(address, self.sync.course.phase.number, places);
         let (rmarker, place) = match drawn.checked_sub(shared) {
             Some(place) => {
@@ -131,6 +133,6 @@ impl Followed {
             }
             None => (timing.request(drawn.into()), drawn),
         };
-        DueRequest { share, rmarker, place, places }
+        Some(DueRequest { share, rmarker, place, places })
     }
 }
