@@ -360,6 +360,7 @@ impl Coordinator {
 
     /// A sync frame came. If it is another network's, and came while this anchor listened in its own slot, both send at the
     /// same time, and this anchor hears no more of that network: it takes another slot.
+    #[inline(never)]
     pub fn make_way(&mut self, sync_frame: &SyncFrame, rx_time: RadioInstant) {
         let Superframes { timing, phase, session, .. } = &self.course;
         let is_own = (sync_frame.term, sync_frame.coordinator) == (self.election.term, self.election.coordinator)

@@ -327,6 +327,7 @@ impl<'m> Leases<'m> {
 
     /// The coordinator has given these turns to a tag: leases of other tags in them are those of another coordinator, or
     /// have ended unnoticed.
+    #[inline(never)]
     fn forget_others(&mut self, tag: u16, turn: Turn) {
         for place in (0..self.entries.len()).rev() {
             if self.entries[place].tag != tag && self.entries[place].turn.meets(turn) {

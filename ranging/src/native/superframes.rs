@@ -157,6 +157,7 @@ impl Superframes {
 
     /// How a sync frame of the own session, which nobody can forge, comes by this clock: `Greater` is late by more than half a
     /// superframe, as a recorded one or one of a network that is behind; `Less` is as early.
+    #[inline(never)]
     pub fn lateness(&self, sync_frame: &SyncFrame, rx_time: RadioInstant) -> Ordering {
         let told = Moment::of_sync_frame(sync_frame).zip(self.moment());
         let Some((told, own)) = told.filter(|(told, own)| told.session == own.session) else { return Ordering::Equal };
