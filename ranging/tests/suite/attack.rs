@@ -610,3 +610,35 @@ fn a_stranger_who_requests_slots_and_the_slowest_layout_once_costs_a_tag_nothing
     let (before, after) = (in_second(2), (3..8).map(in_second).min().unwrap_or(0));
     assert!(before > 400 && after * 10 > before * 9, "{before}, then {after}");
 }
+
+/// A sender without a receiver that sends a frame ten times a second.
+fn beacon(frame: Vec<u8>) -> Boxed {
+    Box::new(move |now, _, _| {
+        let start = Start::At(now.plus(RadioDuration::from_micros(100_000)));
+        Owned::Transmit { frame: frame.clone(), start, listen: false }
+    })
+}
+
+#[test]
+fn an_anchor_in_whose_name_a_stranger_coordinates_starts_two_seconds_late() {
+    let begin = |forged: Option<Vec<u8>>| {
+        let mut air = Air::new(NETWORK.phy, 50);
+        if let Some(forged) = forged {
+            air.add([0.0, 3.0, 1.0], 5.0, beacon(forged));
+        }
+        let node = air.add(corner(0, 4), 20.0, anchor(1, corner(0, 4), None));
+        air.run_until(4.0);
+        let links = air.links(node);
+        let [(begin, Link::Coordinating)] = links[..] else { panic!("{links:?}") };
+        let told = air.sent.iter().filter(|flight| flight.sender == node).find_map(|flight| {
+            match Frame::parse(&flight.bytes).ok()?.message {
+                Message::SyncFrame(sync_frame) => Some(sync_frame),
+                _ => None,
+            }
+        });
+        (begin, told.expect("it sends"))
+    };
+    let (undisturbed, told) = begin(None);
+    let (disturbed, _) = begin(Some(bytes(0x0BAD, BROADCAST, Message::SyncFrame(told))));
+    assert!(undisturbed < 0.5 && (1.9..2.3).contains(&disturbed), "{undisturbed} s, {disturbed} s");
+}

@@ -55,7 +55,7 @@ fn tag_in_network() -> (Tag, RadioInstant) {
     settle(tag.step(now, Event::Started));
     let timing = Timing::of(&NETWORK, NETWORK.first_layout());
     for anchor in 0..ANCHORS {
-        let sync_frame = sync_frame(anchor as u8);
+        let sync_frame = sync_frame(anchor as u8, 1);
         let rx_time = now.plus(timing.sync_frame(anchor.into()));
         settle(tag.step(rx_time, Event::Received(heard(sync_frame.bytes(), rx_time))));
         if anchor == 0 {
@@ -121,7 +121,7 @@ fn anchor_in(memory: &mut AnchorMemory<4>, address: u16, now: RadioInstant) -> A
     let mut anchor = Anchor::new(config, memory.into());
     anchor.calibrate(&STAMPS);
     settle(anchor.step(now, Event::Started));
-    let sync_frame = sync_frame(address as u8);
+    let sync_frame = sync_frame(address as u8, address + 1);
     settle(anchor.step(now, Event::Received(heard(sync_frame.bytes(), now))));
     anchor
 }
@@ -156,14 +156,14 @@ fn heard(bytes: &[u8], rx_time: RadioInstant) -> RxFrame<'_> {
     RxFrame { bytes, rx_time, diagnostics: Diagnostics { rx_power_dbm: -81.5, ..Diagnostics::default() } }
 }
 
-fn sync_frame(slot: u8) -> FrameBuffer {
+fn sync_frame(slot: u8, coordinator: u16) -> FrameBuffer {
     let sync_frame = SyncFrame {
         session: None,
         superframe: 7,
         term: 1,
         age: 0,
         hops: u8::from(slot > 0),
-        coordinator: 1,
+        coordinator,
         slot,
         slot_owners: [0; OWNED_SYNC_SLOTS],
         request: None,
