@@ -6,6 +6,7 @@
 use heapless::Vec;
 
 use super::anchor_table::MAX_NEIGHBOURS;
+use super::sync_slot::is_left_out;
 use super::timing::HOLDOVER_SUPERFRAMES;
 use wire::uwb::native::OWNED_SYNC_SLOTS;
 
@@ -111,9 +112,11 @@ impl SyncSchedule {
         self.expected.map(|_| anchor)
     }
 
-    /// The anchor whose sync frame is next.
-    fn next(&mut self) -> Option<WatchedAnchor> {
+    /// The anchor whose sync frame is next, and does come in this superframe.
+    fn next(&mut self, superframe: u16) -> Option<WatchedAnchor> {
         self.turn = (self.turn + 1).checked_rem(self.anchors.len())?;
+        let left_out = self.anchors.get(self.turn).is_some_and(|anchor| is_left_out(anchor.address, superframe));
+        self.turn = (self.turn + usize::from(left_out)).checked_rem(self.anchors.len())?;
         self.anchors.get(self.turn).copied()
     }
 
@@ -135,7 +138,7 @@ impl SyncSchedule {
         } else if silent < HOLDOVER_SUPERFRAMES {
             Listening::Nothing
         } else {
-            self.next().map_or(Listening::All, Listening::One)
+            self.next(superframe).map_or(Listening::All, Listening::One)
         };
         self.plan = Some((superframe, listening));
         listening

@@ -37,6 +37,11 @@ const LISTENED_EVERY: u16 = 128;
 /// Others in shared slots are counted for this many superframes.
 const COUNTED: u16 = 256;
 
+/// Whether an anchor listens in its sync slot in this superframe, and sends nothing.
+pub fn is_left_out(address: u16, number: u16) -> bool {
+    spread(address, number, LISTENED_EVERY) == 0
+}
+
 /// Owners of sync slots: a byte of the address's hash (0: no owner) and superframes since the last sign of it.
 type Owners = [(u8, u8); OWNED_SYNC_SLOTS];
 
@@ -103,7 +108,7 @@ impl SyncSlot {
 
     /// Whether the anchor listens in its own slot in this superframe.
     pub fn is_listened_to(&self, number: u16) -> bool {
-        spread(self.address, number, LISTENED_EVERY) == 0
+        is_left_out(self.address, number)
     }
 
     /// A sync frame of the same network came.
