@@ -72,7 +72,7 @@ fn found(run: &Run) -> Vec<(f64, Source, f64, f64)> {
 
 #[test]
 fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
-    let runs = [1, 2, 3].map(|seed| example(include_str!("../../../examples/leaving.toml"), seed));
+    let runs = [1, 2, 3, 4, 5].map(|seed| example(include_str!("../../../examples/leaving.toml"), seed));
     // The offset of the beacons' RSSI values is known where the anchors' range ends. The error begins with centimetres
     // and grows with the distance walked. Where the last rounds had only one or two anchors, the tag says that the place on
     // their other side fits as well.
@@ -84,7 +84,7 @@ fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
         first.extend(left.map(|pair| (pair[1].3, pair[1].2)));
     }
     first.sort_by(|a, b| a.0.total_cmp(&b.0));
-    assert!(first.len() >= 6 && first[first.len() / 2].0 < 0.5, "{first:?}");
+    assert!(first.len() >= 10 && first[first.len() / 2].0 < 0.5, "{first:?}");
     assert!(first.iter().all(|(error_m, sigma_m)| *sigma_m < 1.0 && *error_m < 2.5 * sigma_m), "{first:?}");
     // A track by beacons does not spoil the first ranges.
     let mut greatest_m = runs.each_ref().map(|run| {
@@ -93,7 +93,7 @@ fn a_tag_goes_out_of_the_anchors_cover_into_the_beacons_and_back() {
         by_anchors.map(|(.., error_m)| error_m).fold(0.0, f64::max)
     });
     greatest_m.sort_by(f64::total_cmp);
-    assert!(greatest_m[1] < 0.6 && greatest_m[2] < 1.0, "{greatest_m:?}");
+    assert!(greatest_m[2] < 0.6 && greatest_m[4] < 1.0, "{greatest_m:?}");
     let [run, ..] = runs;
     let found = found(&run);
     // Back among the anchors, the error is as before.

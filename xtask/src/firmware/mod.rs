@@ -93,6 +93,10 @@ fn built(image: &NodeImage) -> Result<Row<'_>> {
     let elf = build(image, &toolchain)?;
     let takes = inspect(image, &elf)?;
     let grant = if toolchain.is_rustups() { 0 } else { GRANT_OTHER_COMPILER };
+    if let Some(needed) = takes.stack_needed {
+        let (name, left) = (&image.name, takes.stack);
+        ensure!(100 * needed <= (100 + grant) * left, "{name} needs {needed} bytes of stack, and {left} are left");
+    }
     let compiler = toolchain.version().unwrap_or_default();
     let expected = Expected { compiler, sections: inspect::sections(&elf)? };
     Ok(Row { image, takes, grant, expected })

@@ -17,6 +17,10 @@ use wire::uwb::native::{MAX_MEMBERS, Message, Poll, PolledPosition, Share, SyncF
 /// Without a sync frame for this many superframes the tag searches again.
 pub(super) const LOST_AFTER: u16 = 5;
 
+/// A lease in a slot that is not leased for more than this many superframes was given by another coordinator, or for another
+/// layout: its tag asks again.
+const NOT_LEASED: u16 = 50;
+
 /// The network that the tag follows.
 #[derive(Clone, Debug)]
 pub(super) struct Followed {
@@ -31,6 +35,8 @@ pub(super) struct Followed {
     pub(super) owned: u64,
     /// Its lease.
     pub(super) lease: OwnLease,
+    /// The superframe since which the lease's slot is not leased.
+    not_leased_since: Option<u16>,
     /// Rounds begun in this superframe.
     rounds: u32,
     pub(super) joined: bool,
@@ -318,6 +324,7 @@ impl Followed {
             planned: None,
             owned: 0,
             lease: OwnLease::default(),
+            not_leased_since: None,
             rounds: 0,
             joined: false,
             is_full: false,
@@ -381,13 +388,16 @@ impl Followed {
         if !wants_lease && lists(&plan.members, config.address) {
             self.lease.release();
         }
-        // Turns in a slot that is not leased were given by another coordinator, or by another layout.
         let leased = plan.slots.leased.min(timing.round_slots);
-        if self.lease.turn().is_some_and(|turn| turn.slot >= leased) {
+        let is_leased = self.lease.turn().is_none_or(|turn| turn.slot < leased);
+        let since = *self.not_leased_since.get_or_insert(number);
+        if is_leased {
+            self.not_leased_since = None;
+        } else if number.wrapping_sub(since) > NOT_LEASED {
             self.lease.release();
         }
         self.owned = match self.lease.turn() {
-            Some(turn) if turn.is_in(number) => turn.bit(),
+            Some(turn) if turn.is_in(number) && is_leased => turn.bit(),
             Some(_) => 0,
             None => plan.owned_slots(config.address, number, timing),
         };
