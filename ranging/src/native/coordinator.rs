@@ -338,7 +338,8 @@ impl Coordinator {
     }
 
     /// The sync slot of this superframe, unless its sync frame is finished. An anchor transmits in a shared slot if it
-    /// was too late for its own, or listens in it. An anchor without a slot of its own transmits in a shared slot now and then.
+    /// was too late for its own, and nothing if it listens in its own. An anchor without one transmits in a shared slot now and
+    /// then.
     pub fn due(&self) -> Option<u8> {
         let number = self.course.phase.number;
         if self.told == Some(number) {

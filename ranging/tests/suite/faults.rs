@@ -182,7 +182,7 @@ fn complaint(seed: u64) -> Option<String> {
     (collisions > 40).then(|| format!("{collisions} collisions\n{}", told()))
 }
 
-/// Seeds of networks that did not recover, or not in time, each for another reason: two coordinators that send at the same
+/// Seeds of networks that did not recover, or not in time, for these reasons: two coordinators that send at the same
 /// time, halves of a session that are a superframe apart, a lease in a slot that is not leased any more, another network's
 /// leases, a tag that was halted and believed to be slow, a coordinator that has forgotten its leases.
 const ONCE_LOST: [u64; 12] = [31, 59, 125, 154, 274, 380, 499, 1_135, 1_221, 2_023, 2_559, 17_162];
