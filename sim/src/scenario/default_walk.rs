@@ -8,9 +8,11 @@ const CARRIED_M: f64 = 1.2;
 const BELOW_ANCHORS_M: f64 = 2.0;
 /// The part of the way from the hull's middle to a corner.
 const TOWARDS_CORNER: f64 = 0.7;
-/// By how much the walk of each further tag is narrower, and after how many tags it begins again.
+/// By how much the walk of each further tag is narrower, and after how many tags widths begin again.
 const NARROWER: f64 = 0.05;
 const TAGS: usize = 10;
+/// After twice as many, tags begin farther along the same walks, by this part of them: never in the same place (the golden section).
+const FARTHER: f64 = 0.618_033_988_75;
 /// Where a tag stands beside a single anchor, metres.
 const BESIDE_M: f64 = 2.0;
 /// The greatest number of corners of a walk.
@@ -60,7 +62,7 @@ impl Landmarks {
         let inside = |axis: usize, corner: [f64; 2]| middle[axis] + part * (corner[axis] - middle[axis]);
         let points: Vec<_> = corners.into_iter().map(|corner| [inside(0, corner), inside(1, corner), z]).collect();
         let standing = Walk::standing(points[0]);
-        Walk::new(points, WALKING_M_S, true).unwrap_or(standing)
+        Walk::new(points, WALKING_M_S, true).unwrap_or(standing).ahead((number / (2 * TAGS)) as f64 * FARTHER % 1.0)
     }
 }
 

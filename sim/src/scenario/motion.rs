@@ -10,6 +10,8 @@ pub struct Walk {
     closed: bool,
     /// When it begins, seconds.
     leaves_s: f64,
+    /// How far along it begins, seconds.
+    ahead_s: f64,
 }
 
 impl Walk {
@@ -28,12 +30,12 @@ impl Walk {
             times.push(time);
             last = point;
         }
-        Some(Self { points, times, closed, leaves_s: 0.0 })
+        Some(Self { points, times, closed, leaves_s: 0.0, ahead_s: 0.0 })
     }
 
     /// A node that stays at one point.
     pub fn standing(point: [f64; 3]) -> Self {
-        Self { points: vec![point], times: vec![0.0], closed: false, leaves_s: 0.0 }
+        Self { points: vec![point], times: vec![0.0], closed: false, leaves_s: 0.0, ahead_s: 0.0 }
     }
 
     /// The same walk, begun at `leaves_s`; before, the node stays at the first point.
@@ -41,9 +43,15 @@ impl Walk {
         Self { leaves_s, ..self }
     }
 
+    /// The same walk, begun at this part of its way.
+    pub fn ahead(self, part: f64) -> Self {
+        let ahead_s = part * self.times.last().copied().unwrap_or(0.0);
+        Self { ahead_s, ..self }
+    }
+
     /// The position after `seconds`.
     pub fn at(&self, seconds: f64) -> [f64; 3] {
-        let seconds = (seconds - self.leaves_s).max(0.0);
+        let seconds = (seconds - self.leaves_s).max(0.0) + self.ahead_s;
         let lap = self.times.last().copied().unwrap_or(0.0);
         let along = if self.closed && lap > 0.0 { seconds.rem_euclid(lap) } else { seconds };
         let next = self.times.partition_point(|&time| time <= along).max(1);
@@ -107,6 +115,15 @@ mod tests {
     fn a_walk_that_begins_later_stands_until_then() {
         let walk = triangle(true).leaving_at(10.0);
         for (seconds, place) in [(0.0, [0.0, 0.0, 1.0]), (10.0, [0.0, 0.0, 1.0]), (14.0, [2.0, 0.0, 1.0])] {
+            assert!(distance(walk.at(seconds), place) < 1e-9, "{seconds} s: {:?}", walk.at(seconds));
+        }
+    }
+
+    #[test]
+    fn a_walk_that_begins_in_the_middle_waits_there() {
+        let walk = triangle(true).leaving_at(10.0).ahead(0.5);
+        // Half of 24 s: 4 s behind the corner at 8 s, and 2 s before the next one.
+        for (seconds, place) in [(0.0, [4.0, 2.0, 1.0]), (10.0, [4.0, 2.0, 1.0]), (12.0, [4.0, 3.0, 1.0])] {
             assert!(distance(walk.at(seconds), place) < 1e-9, "{seconds} s: {:?}", walk.at(seconds));
         }
     }
