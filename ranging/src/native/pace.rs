@@ -62,6 +62,7 @@ impl Limit {
     /// round. A sample beyond the limit costs one answer. So the limit follows small variations at once, but single
     /// long samples, whatever their length, raise it little: if a fraction p of the samples is long, by about
     /// 64·p / `rise` of itself. This holds for the first sample too, against what the node assumed of itself.
+    #[inline(never)]
     fn take_by_cost(&mut self, sample: RadioDuration, rise: i64) {
         let sample = sample.ticks().clamp(0, LONGEST.ticks());
         if sample <= self.ticks {
@@ -116,6 +117,8 @@ pub struct Meter {
     answer: Limit,
     listen_again: Limit,
     lead: Limit,
+    /// Most of the same samples, for a node that was never asked.
+    transmission: Limit,
     /// As `lead`, for a frame that leaves as soon as possible.
     immediate: Limit,
     reading: Limit,
@@ -135,6 +138,7 @@ impl Meter {
             answer: Limit::starting_at(start.answer),
             listen_again: Limit::starting_at(start.listen_again),
             lead: Limit::starting_at(start.transmit),
+            transmission: Limit::starting_at(start.answer),
             immediate: Limit::starting_at(start.transmit),
             reading: Limit::starting_at(RadioDuration::from_ticks(start.answer.ticks() / 2)),
             next: RadioDuration::ZERO,
@@ -181,6 +185,9 @@ impl Meter {
     /// From the instant at which the node was to wake until the command for a transmission had reached the chip. If the
     /// node was reading a frame then, it may have decided before that instant: only a longer time counts.
     pub fn led(&mut self, after: RadioDuration, was_awaited: bool) {
+        if was_awaited {
+            self.transmission.take_by_cost(after, RISE);
+        }
         if was_awaited || after.ticks() > self.lead.ticks {
             self.lead.take_at_once(after);
         }
@@ -225,20 +232,19 @@ impl Meter {
     /// The approximate time from the end of a frame until the node has processed it. If only the time of an answer is
     /// known: half of it.
     pub fn reading(&self) -> RadioDuration {
-        let half = self.answer_or_lead().ticks / 2;
+        let half = self.most_answers().ticks / 2;
         RadioDuration::from_ticks(if self.reading.is_measured { self.reading.ticks } else { half })
     }
 
     /// A node that was never asked takes as long for an answer as for any transmission: both write a frame after a
-    /// wake-up.
-    fn answer_or_lead(&self) -> &Limit {
-        if self.answer.is_measured || !self.lead.is_measured { &self.answer } else { &self.lead }
+    /// wake-up. Its lead says too much: a single transmission that had to wait for other work makes that long.
+    fn most_answers(&self) -> &Limit {
+        if self.answer.is_measured || !self.transmission.is_measured { &self.answer } else { &self.transmission }
     }
 
     /// This node's request for the network's layout: nothing if it has measured nothing.
     pub fn wish(&self, scheme: Scheme) -> Layout {
         let measured = |limit: &Limit, span| if limit.is_measured { Span::at_least(span) } else { Span::default() };
-        let answer = self.answer_or_lead();
         let [answer, listen_again] = match self.pinned {
             Some(pinned) => [pinned.answer, pinned.listen_again].map(Span::at_least),
             None => {
@@ -248,6 +254,7 @@ impl Meter {
                 let reading = self.reading.ticks + self.reading.ticks / READING_MARGIN_SHARE;
                 let gap = RadioDuration::from_ticks(reading - self.next.ticks());
                 let gap = if is_known { Span::at_least(gap) } else { Span::default() };
+                let answer = self.most_answers();
                 [measured(answer, answer.with_margin()), listen_again.max(gap)]
             }
         };
@@ -374,9 +381,14 @@ mod tests {
     #[test]
     fn who_was_never_asked_answers_as_quickly_as_it_sends() {
         let mut meter = Meter::new(None);
+        meter.led(us(90), false);
+        assert_eq!(meter.wish(Scheme::SingleSided), Layout::LEAST, "ready before its time");
         meter.led(us(160), true);
         // 160 + 20 + 30 = 210 µs; the next span is (16 + 11) · 2³ = 216 µs.
         assert_eq!(meter.wish(Scheme::SingleSided).answer.duration(), us(216));
+        // Other work was in the way of one: it counts as the sixteenth part, 170 + 21 + 30.
+        meter.led(us(4_050), true);
+        assert_eq!(meter.wish(Scheme::SingleSided).answer.duration(), us(224));
         meter.answered(us(400));
         // 400 + 50 + 30 = 480 µs = (16 + 14) · 2⁴.
         assert_eq!(meter.wish(Scheme::SingleSided).answer.duration(), us(480));
