@@ -149,7 +149,7 @@ mod tests {
         site.nodes.iter().for_each(|report| drop(live.apply(report)));
         let mut nodes: HashMap<u16, (Timeline, NodeReporter)> = HashMap::new();
         let mut simulation = Simulation::new(scenario);
-        let (mut positions, mut worst_m) = (HashMap::<String, usize>::new(), 0_f64);
+        let (mut positions, mut errors_m) = (HashMap::<String, usize>::new(), Vec::new());
         for tenths in 1..=120 {
             let mut updates = Vec::new();
             for record in simulation.run_until(f64::from(tenths) / 10.0) {
@@ -166,7 +166,7 @@ mod tests {
             for update in updates {
                 let Update::Position(found) = update else { continue };
                 let true_m = walks[&found.tag].at(found.t.since(begin).as_secs_f64());
-                worst_m = worst_m.max((found.x_m - true_m[0]).hypot(found.y_m - true_m[1]));
+                errors_m.push((found.x_m - true_m[0]).hypot(found.y_m - true_m[1]));
                 assert_eq!(found.z_m, Some(f64::from(1.2_f32)));
                 assert!(found.used >= 4, "{found:?}");
                 *positions.entry(found.tag).or_default() += 1;
@@ -174,7 +174,10 @@ mod tests {
         }
         // From two seconds on, once a second.
         assert!(positions.len() == 5 && positions.values().all(|count| (8..=11).contains(count)), "{positions:?}");
-        assert!(worst_m < 0.6, "{worst_m}");
+        errors_m.sort_by(f64::total_cmp);
+        // The reach of a hall's blinks: half within 0.15 m, nine of ten within 0.35 m. The worst of fifty is chance.
+        let part = |part: f64| errors_m[(part * errors_m.len() as f64) as usize];
+        assert!(part(0.5) < 0.15 && part(0.9) < 0.35 && part(0.99) < 1.0, "{errors_m:?}");
         assert_eq!(live.refused(), 0);
     }
 

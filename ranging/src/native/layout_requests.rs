@@ -13,6 +13,9 @@ const KEPT_SUPERFRAMES: u16 = 10;
 /// From this superframe of a network, or of an anchor's coordination, on, it is settled: all nodes were received, the
 /// layout may become shorter, and only members request a longer one.
 const SETTLED_AFTER: u16 = 5;
+/// After this many periods of [`KEPT_SUPERFRAMES`] nothing counts any more that was requested before the network was
+/// settled.
+const MEASURED_AFTER: u8 = 2;
 /// The coordinator makes relay slots after requests in this many periods of [`KEPT_SUPERFRAMES`] in a row: a way that is lost
 /// for a second is no reason. Two periods without a request end them.
 const ASKED_FOR: u8 = 4;
@@ -36,7 +39,9 @@ pub struct LayoutRequests {
     superframes: u16,
     /// Every node has had time to send its request.
     is_settled: bool,
-    /// The layout was shortened to the requests before. Until then it is what its founder assumed.
+    /// Periods that have ended, at most [`MEASURED_AFTER`].
+    periods: u8,
+    /// The layout was shortened to such requests before. Until then it is what nodes assumed.
     is_measured: bool,
 }
 
@@ -52,6 +57,7 @@ impl LayoutRequests {
             needs_relay_slots: false,
             superframes: 0,
             is_settled: false,
+            periods: 0,
             is_measured: false,
         }
     }
@@ -108,12 +114,13 @@ impl LayoutRequests {
             self.needs_relay_slots = self.asked_for >= ASKED_FOR || self.needs_relay_slots && (now || before);
             self.relay_slots = [false, now];
             self.superframes = 0;
+            self.periods = (self.periods + 1).min(MEASURED_AFTER);
         }
     }
 
     /// The layout was changed to the requests.
     pub fn adopted(&mut self) {
-        self.is_measured |= self.is_settled;
+        self.is_measured |= self.periods == MEASURED_AFTER;
     }
 
     /// The layout that serves all requests.
@@ -252,6 +259,23 @@ mod tests {
         // 304 µs = 19 · 16 serve 300; 352 = 22 · 16 are three steps more, 368 four.
         assert_eq!(wishes.better_than(layout(352)), None);
         assert_eq!(wishes.better_than(layout(368)), Some(layout(300)));
+    }
+
+    #[test]
+    fn a_founder_s_first_guess_does_not_stay_because_it_is_near() {
+        let mut wishes = LayoutRequests::new();
+        wishes.note(layout(352));
+        wishes.advance(SETTLED_AFTER);
+        wishes.note(layout(300));
+        wishes.advance(SETTLED_AFTER);
+        // The guess and what was measured, of one period: the network changes to the guess.
+        assert_eq!(wishes.better_than(layout(608)), Some(layout(352)));
+        wishes.adopted();
+        (0..2).for_each(|_| {
+            wishes.note(layout(300));
+            wishes.advance(KEPT_SUPERFRAMES);
+        });
+        assert_eq!(wishes.better_than(layout(352)), Some(layout(300)));
     }
 
     #[test]

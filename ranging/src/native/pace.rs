@@ -23,13 +23,13 @@ const LEAD_MARGIN: RadioDuration = RadioDuration::from_micros(60);
 /// late for a frame, it has lost only some symbols of the preamble.
 const MARGIN_SHARE: i64 = 8;
 /// To the time until a response was processed this is added: the radio's second buffer holds the next one meanwhile.
-const READING_MARGIN_SHARE: i64 = 16;
+const READING_MARGIN_SHARE: i32 = 16;
 /// The estimate sinks by this fraction of its distance to a shorter sample …
-const DECAY: i64 = 64;
+const DECAY: i32 = 64;
 /// … and rises by at most this fraction of itself for a longer one, …
-const RISE: i64 = 16;
+const RISE: i32 = 16;
 /// … one of a gap between responses, of which a round has up to seven, by this fraction …
-const RISE_OF_GAP: i64 = 7 * RISE;
+const RISE_OF_GAP: i32 = 7 * RISE;
 /// … unless this many samples in a row were longer. Then the board has become slower, and the estimate rises to the
 /// shortest of them at once.
 const SLOWER_AFTER: u8 = 4;
@@ -39,22 +39,23 @@ const LONGEST: RadioDuration = RadioDuration::from_micros(10_000);
 /// An upper limit of durations.
 #[derive(Clone, Copy, Debug)]
 struct Limit {
-    ticks: i64,
+    /// Of at most [`LONGEST`]: they fit into 32 bits, which a node's processor is quick with.
+    ticks: i32,
     is_measured: bool,
     /// Samples in a row that were longer, and the shortest of them.
     longer: u8,
-    shortest: i64,
+    shortest: i32,
 }
 
 impl Limit {
     const fn starting_at(duration: RadioDuration) -> Self {
-        Self { ticks: duration.ticks(), is_measured: false, longer: 0, shortest: 0 }
+        Self { ticks: duration.ticks() as i32, is_measured: false, longer: 0, shortest: 0 }
     }
 
     /// Takes a sample into a limit of nearly all durations: a longer sample counts at once, so that about one in some
     /// dozens of samples is longer.
     fn take_at_once(&mut self, sample: RadioDuration) {
-        let sample = sample.ticks().clamp(0, LONGEST.ticks());
+        let sample = ticks(sample);
         if !self.is_measured || sample > self.ticks { self.set(sample) } else { self.sink(sample) }
     }
 
@@ -62,9 +63,8 @@ impl Limit {
     /// round. A sample beyond the limit costs one answer. So the limit follows small variations at once, but single
     /// long samples, whatever their length, raise it little: if a fraction p of the samples is long, by about
     /// 64·p / `rise` of itself. This holds for the first sample too, against what the node assumed of itself.
-    #[inline(never)]
-    fn take_by_cost(&mut self, sample: RadioDuration, rise: i64) {
-        let sample = sample.ticks().clamp(0, LONGEST.ticks());
+    fn take_by_cost(&mut self, sample: RadioDuration, rise: i32) {
+        let sample = ticks(sample);
         if sample <= self.ticks {
             if self.is_measured { self.sink(sample) } else { self.set(sample) }
         } else {
@@ -79,27 +79,36 @@ impl Limit {
         }
     }
 
-    fn set(&mut self, ticks: i64) {
+    fn set(&mut self, ticks: i32) {
         (self.ticks, self.is_measured, self.longer) = (ticks, true, 0);
     }
 
-    fn sink(&mut self, sample: i64) {
+    fn sink(&mut self, sample: i32) {
         self.ticks -= (self.ticks - sample) / DECAY;
         self.longer = 0;
     }
 
     /// The limit was too short by an unknown amount.
     fn grow(&mut self) {
-        self.ticks = (self.ticks + self.ticks / 4).min(LONGEST.ticks());
+        self.ticks = (self.ticks + self.ticks / 4).min(ticks(LONGEST));
     }
 
     fn with_share(&self) -> RadioDuration {
-        with_share(RadioDuration::from_ticks(self.ticks))
+        with_share(self.duration())
     }
 
     fn with_margin(&self) -> RadioDuration {
-        with_margin(RadioDuration::from_ticks(self.ticks))
+        with_margin(self.duration())
     }
+
+    const fn duration(&self) -> RadioDuration {
+        RadioDuration::from_ticks(self.ticks as i64)
+    }
+}
+
+/// The sample's ticks, with nonsense bounded.
+fn ticks(sample: RadioDuration) -> i32 {
+    sample.ticks().clamp(0, LONGEST.ticks()) as i32
 }
 
 fn with_share(duration: RadioDuration) -> RadioDuration {
@@ -115,10 +124,11 @@ fn with_margin(duration: RadioDuration) -> RadioDuration {
 pub struct Meter {
     pinned: Option<ReplyDelay>,
     answer: Limit,
+    /// It has had to answer. Until then `answer` is a limit of most transmissions: both write a frame after a wake-up.
+    /// The lead says too much: a single transmission that had to wait for other work makes that long.
+    was_asked: bool,
     listen_again: Limit,
     lead: Limit,
-    /// Most of the same samples, for a node that was never asked.
-    transmission: Limit,
     /// As `lead`, for a frame that leaves as soon as possible.
     immediate: Limit,
     reading: Limit,
@@ -136,9 +146,9 @@ impl Meter {
         Self {
             pinned,
             answer: Limit::starting_at(start.answer),
+            was_asked: false,
             listen_again: Limit::starting_at(start.listen_again),
             lead: Limit::starting_at(start.transmit),
-            transmission: Limit::starting_at(start.answer),
             immediate: Limit::starting_at(start.transmit),
             reading: Limit::starting_at(RadioDuration::from_ticks(start.answer.ticks() / 2)),
             next: RadioDuration::ZERO,
@@ -147,7 +157,15 @@ impl Meter {
 
     /// From the end of a frame until the command for the answer had reached the chip.
     pub fn answered(&mut self, after: RadioDuration) {
-        self.answer.take_by_cost(after, RISE);
+        self.first_hand_answer().take_by_cost(after, RISE);
+    }
+
+    /// The limit of answers, without what transmissions say of it.
+    fn first_hand_answer(&mut self) -> &mut Limit {
+        if !self.was_asked {
+            (self.answer, self.was_asked) = (Limit::starting_at(ReplyDelay::START.answer), true);
+        }
+        &mut self.answer
     }
 
     /// From the end of a frame until the receiver was on again.
@@ -172,7 +190,7 @@ impl Meter {
     /// long as no response was measured, and if the node is more than twice as slow as it assumed.
     pub fn dealt_with_other(&mut self, after: RadioDuration, next: RadioDuration) {
         if !self.reading.is_measured && after.ticks() > ReplyDelay::START.answer.ticks() {
-            self.reading.ticks = after.min(LONGEST).ticks();
+            self.reading.ticks = ticks(after);
             self.next = next;
         }
     }
@@ -185,25 +203,30 @@ impl Meter {
     /// From the instant at which the node was to wake until the command for a transmission had reached the chip. If the
     /// node was reading a frame then, it may have decided before that instant: only a longer time counts.
     pub fn led(&mut self, after: RadioDuration, was_awaited: bool) {
-        if was_awaited {
-            self.transmission.take_by_cost(after, RISE);
+        if was_awaited && !self.was_asked {
+            self.transmitted(after);
         }
-        if was_awaited || after.ticks() > self.lead.ticks {
+        if was_awaited || after > self.lead.duration() {
             self.lead.take_at_once(after);
         }
+    }
+
+    #[cold]
+    fn transmitted(&mut self, after: RadioDuration) {
+        self.answer.take_by_cost(after, RISE);
     }
 
     /// The node decided this long after the instant at which it was to wake, too late for a transmission. Who was halted
     /// is not slow.
     pub fn overslept(&mut self, after: RadioDuration) {
         if after.ticks() <= LONGEST.ticks() {
-            self.lead.take_at_once(RadioDuration::from_ticks(self.lead.ticks.saturating_add(after.ticks().max(0))));
+            self.lead.take_at_once(RadioDuration::from_ticks(i64::from(self.lead.ticks + ticks(after))));
         }
     }
 
     /// An answer was too late, and the radio does not measure by how much.
     pub fn answer_was_late(&mut self) {
-        self.answer.grow();
+        self.first_hand_answer().grow();
     }
 
     /// A transmission was too late, and the radio does not measure by how much.
@@ -218,7 +241,7 @@ impl Meter {
     pub fn lead(&self) -> RadioDuration {
         match self.pinned {
             Some(pinned) if self.lead.is_measured => pinned.transmit.max(self.lead.with_margin()),
-            Some(pinned) => pinned.transmit.max(RadioDuration::from_ticks(self.lead.ticks)),
+            Some(pinned) => pinned.transmit.max(self.lead.duration()),
             None => RadioDuration::from_ticks(self.lead.with_share().ticks() + LEAD_MARGIN.ticks()),
         }
     }
@@ -232,14 +255,8 @@ impl Meter {
     /// The approximate time from the end of a frame until the node has processed it. If only the time of an answer is
     /// known: half of it.
     pub fn reading(&self) -> RadioDuration {
-        let half = self.most_answers().ticks / 2;
-        RadioDuration::from_ticks(if self.reading.is_measured { self.reading.ticks } else { half })
-    }
-
-    /// A node that was never asked takes as long for an answer as for any transmission: both write a frame after a
-    /// wake-up. Its lead says too much: a single transmission that had to wait for other work makes that long.
-    fn most_answers(&self) -> &Limit {
-        if self.answer.is_measured || !self.transmission.is_measured { &self.answer } else { &self.transmission }
+        let half = RadioDuration::from_ticks(self.answer.duration().ticks() / 2);
+        if self.reading.is_measured { self.reading.duration() } else { half }
     }
 
     /// This node's request for the network's layout: nothing if it has measured nothing.
@@ -251,11 +268,10 @@ impl Meter {
                 let listen_again = measured(&self.listen_again, self.listen_again.with_share());
                 // Unless a response was awaited, there is no gap to request.
                 let is_known = self.next > RadioDuration::ZERO;
-                let reading = self.reading.ticks + self.reading.ticks / READING_MARGIN_SHARE;
+                let reading = i64::from(self.reading.ticks + self.reading.ticks / READING_MARGIN_SHARE);
                 let gap = RadioDuration::from_ticks(reading - self.next.ticks());
                 let gap = if is_known { Span::at_least(gap) } else { Span::default() };
-                let answer = self.most_answers();
-                [measured(answer, answer.with_margin()), listen_again.max(gap)]
+                [measured(&self.answer, self.answer.with_margin()), listen_again.max(gap)]
             }
         };
         Layout { answer, listen_again, scheme }
