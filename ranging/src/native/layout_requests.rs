@@ -13,9 +13,8 @@ const KEPT_SUPERFRAMES: u16 = 10;
 /// From this superframe of a network, or of an anchor's coordination, on, it is settled: all nodes were received, the
 /// layout may become shorter, and only members request a longer one.
 const SETTLED_AFTER: u16 = 5;
-/// After this many periods of [`KEPT_SUPERFRAMES`] nothing counts any more that was requested before the network was
-/// settled.
-const MEASURED_AFTER: u8 = 2;
+/// In this many periods of [`KEPT_SUPERFRAMES`], in which nodes make their first rounds, a layout becomes shorter by any step.
+const MEASURED_AFTER: u8 = 5;
 /// The coordinator makes relay slots after requests in this many periods of [`KEPT_SUPERFRAMES`] in a row: a way that is lost
 /// for a second is no reason. Two periods without a request end them.
 const ASKED_FOR: u8 = 4;
@@ -249,7 +248,7 @@ mod tests {
     #[test]
     fn a_layout_a_little_too_long_stays() {
         let mut wishes = LayoutRequests::new();
-        for _ in 0..4 {
+        for _ in 0..MEASURED_AFTER {
             wishes.note(layout(300));
             wishes.advance(KEPT_SUPERFRAMES);
         }
@@ -271,11 +270,19 @@ mod tests {
         // The guess and what was measured, of one period: the network changes to the guess.
         assert_eq!(wishes.better_than(layout(608)), Some(layout(352)));
         wishes.adopted();
-        (0..2).for_each(|_| {
-            wishes.note(layout(300));
-            wishes.advance(KEPT_SUPERFRAMES);
-        });
+        let pass = |wishes: &mut LayoutRequests, periods: u8| {
+            (0..periods).for_each(|_| {
+                wishes.note(layout(300));
+                wishes.advance(KEPT_SUPERFRAMES);
+            });
+        };
+        pass(&mut wishes, MEASURED_AFTER - 2);
         assert_eq!(wishes.better_than(layout(352)), Some(layout(300)));
+        wishes.adopted();
+        assert_eq!(wishes.better_than(layout(320)), Some(layout(300)), "still in the first periods");
+        pass(&mut wishes, 1);
+        wishes.adopted();
+        assert_eq!(wishes.better_than(layout(352)), None);
     }
 
     #[test]
