@@ -3,13 +3,15 @@
 //!
 //! Advertisement → beacon that the record knows (with an empty list: every beacon) → at most one [`Sighting`] of it in half
 //! a second. The station locates the beacon by the sightings of several scanners.
+//!
+//! Advertisement → position of a tag of the record's network → [`TagFix`], as of an anchor that receives the tag's poll.
 #![no_std]
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;
 
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 use core::convert::Infallible;
 use core::future::pending;
 
@@ -21,9 +23,10 @@ use firmware_common::counts::Tally;
 use firmware_tag::KnownBeacons;
 use firmware_tag::scan::{Ears, Plan, Scanner, supervise};
 use heapless::LinearMap;
-use wire::ble::Advertised;
+use wire::ble::{Advertised, TagPosition};
 use wire::config::Record;
-use wire::telemetry::{BeaconId, Condition, Sighting};
+use wire::telemetry::{BeaconId, Condition, Sighting, TagFix};
+use wire::uwb::native::{Nonce, software_code};
 
 /// From one sighting of a beacon to its next, microseconds: a station uses no more.
 const EVERY_US: u64 = 500_000;
@@ -37,9 +40,12 @@ const PLAN: Plan = Plan { interval_us: 1_000_000, window_us: 1_000_000 };
 /// What a scanner receives, on its way to the station.
 pub struct Sightings<'r, M: RawMutex, const BYTES: usize, C = fn() -> u64> {
     reporter: &'r Reporter<M, BYTES, C>,
+    record: &'r Record,
     known: KnownBeacons<'r>,
     /// When each beacon was reported last.
     reported_us: RefCell<LinearMap<BeaconId, u64, MOST_BEACONS>>,
+    /// The tag and the round of the last position.
+    told: Cell<Option<(u16, u16)>>,
     received: Tally,
 }
 
@@ -47,14 +53,21 @@ impl<'r, M: RawMutex, const BYTES: usize, C: Fn() -> u64> Sightings<'r, M, BYTES
     /// Those of a node with this record.
     pub fn new(reporter: &'r Reporter<M, BYTES, C>, record: &'r Record) -> Self {
         let known = KnownBeacons::of(record);
-        Self { reporter, known, reported_us: RefCell::new(LinearMap::new()), received: Tally::new() }
+        Self {
+            reporter,
+            record,
+            known,
+            reported_us: RefCell::new(LinearMap::new()),
+            told: Cell::new(None),
+            received: Tally::new(),
+        }
     }
 
     /// Takes the data of an advertisement that the scanner has just received.
     pub fn receive(&self, data: &[u8], rssi_dbm: i8) {
         self.received.add();
         // Most advertisements do not come from beacons.
-        let Ok(advertised) = Advertised::parse(data) else { return };
+        let Ok(advertised) = Advertised::parse(data) else { return self.receive_tag(data) };
         self.reporter.counts.sightings.add();
         let Some(known) = self.known.identify(&advertised) else { return };
         let (t_us, beacon) = (self.reporter.now_us(), known.id);
@@ -62,6 +75,24 @@ impl<'r, M: RawMutex, const BYTES: usize, C: Fn() -> u64> Sightings<'r, M, BYTES
             let measured_power_dbm = advertised.rssi_1m_dbm();
             self.reporter.event_log.send(Sighting { t_us, beacon, rssi_dbm, measured_power_dbm });
         }
+    }
+
+    /// Takes the data of an advertisement of no beacon.
+    fn receive_tag(&self, data: &[u8]) {
+        let Record { network, beacon_key, .. } = self.record;
+        let code = beacon_key.map(|key| move |nonce: &Nonce, bytes: &[u8]| software_code(&key, nonce, [bytes, &[]]));
+        let Some(TagPosition { tag, round, asked, position, .. }) =
+            TagPosition::parse(data, code).filter(|found| found.pan == network.pan)
+        else {
+            return;
+        };
+        self.reporter.counts.sightings.add();
+        // A scanner that changes its channel meanwhile receives it twice.
+        if self.told.replace(Some((tag, round))) == Some((tag, round)) {
+            return;
+        }
+        let t_us = self.reporter.now_us();
+        self.reporter.event_log.send(TagFix { t_us, tag, round, asked, age_us: 0, position: position.0 });
     }
 
     /// Whether a beacon is reported now. It then counts as reported.
@@ -113,7 +144,6 @@ impl<M: RawMutex, const BYTES: usize, C: Fn() -> u64> Ears for Sightings<'_, M, 
 
 #[cfg(test)]
 mod tests {
-    use core::cell::Cell;
     use core::pin::pin;
     use core::task::{Context, Waker};
     use std::vec::Vec;
@@ -122,6 +152,7 @@ mod tests {
     use wire::ble::{Fresh, IBeacon, RotatingId};
     use wire::config::{Beacon, Calibration, Identity, Mode, Network, Phy, Role};
     use wire::telemetry::{Decoder, Message};
+    use wire::uwb::native::PolledPosition;
 
     use super::*;
 
@@ -152,7 +183,7 @@ mod tests {
     }
 
     /// What a scanner tells of advertisements that come at these times, microseconds.
-    fn told(record: &Record, heard: &[(u64, &[u8], i8)]) -> Vec<Sighting> {
+    fn messages(record: &Record, heard: &[(u64, &[u8], i8)]) -> Vec<Message> {
         let now = Cell::new(0);
         let clock = || now.get();
         let reporter = Reporter::<NoopRawMutex, 4096, _>::new(clock);
@@ -167,8 +198,31 @@ mod tests {
             });
         }
         assert_eq!(sightings.received() as usize, heard.len());
+        told
+    }
+
+    fn told(record: &Record, heard: &[(u64, &[u8], i8)]) -> Vec<Sighting> {
         let of = |message| if let Message::Sighting(sighting) = message { sighting } else { panic!("{message:?}") };
-        told.into_iter().map(of).collect()
+        messages(record, heard).into_iter().map(of).collect()
+    }
+
+    #[test]
+    fn positions_of_the_network_s_tags_are_told_as_an_anchor_tells_them() {
+        let position = PolledPosition::new([1.0, 2.0, 0.5], [[0.01, 0.0, 0.0]; 3], false).unwrap();
+        let own = TagPosition { pan: 0xBA12, tag: 0x1001, round: 300, asked: 4, position };
+        let with = |key: [u8; 16]| Some(move |nonce: &Nonce, bytes: &[u8]| software_code(&key, nonce, [bytes, &[]]));
+        let (coded, other) = (own.emit(with(KEY)), TagPosition { tag: 0x1002, ..own }.emit(with([7; 16])));
+        let stranger = TagPosition { pan: 0xBA13, ..own }.emit(with(KEY));
+        let told = |record: &Record| {
+            messages(record, &[(5, &coded, -60), (6, &coded, -60), (7, &other, -60), (8, &stranger, -60)])
+        };
+        let expected = |t_us, tag| {
+            let told = TagFix { t_us, tag, round: 300, asked: 4, age_us: 0, position: position.0 };
+            Message::TagFix(told)
+        };
+        assert_eq!(told(&record()), [expected(5, 0x1001)]);
+        let without = told(&Record { beacon_key: None, ..record() });
+        assert_eq!(without, [expected(5, 0x1001), expected(7, 0x1002)], "without a key");
     }
 
     #[test]

@@ -19,6 +19,7 @@ use wire::ble::Advertised;
 use wire::uwb::native::{Answer, UserData};
 
 use crate::Sounding;
+use crate::advertise::Found;
 use crate::workload::Workload;
 
 /// Rounds that may wait for the engine. If the engine is late by more, the oldest rounds are dropped.
@@ -233,6 +234,8 @@ pub struct TaskChannels<M: RawMutex> {
     takes_messages: AtomicBool,
     /// The rate that a host has asked for, rounds in 100 s; 0 is that of the record.
     asked_rate: Signal<M, u32>,
+    /// The newest position, for the advertiser.
+    found: Signal<M, Found>,
     /// Advertisements received from any sender: a sign that the scanner works.
     pub(crate) heard: Tally,
 }
@@ -252,6 +255,7 @@ impl<M: RawMutex> TaskChannels<M> {
             messages: Channel::new(),
             takes_messages: AtomicBool::new(false),
             asked_rate: Signal::new(),
+            found: Signal::new(),
             heard: Tally::new(),
         }
     }
@@ -330,6 +334,16 @@ impl<M: RawMutex> TaskChannels<M> {
     /// Answers a host's message with this number, in the next polls.
     pub(crate) fn answer(&self, number: u8, answer: Answer) {
         self.outbox.lock(|outbox| outbox.borrow_mut().answer(number, answer));
+    }
+
+    /// The engine has found a position that is to be told.
+    pub(crate) fn tell_found(&self, found: Option<Found>) {
+        found.into_iter().for_each(|found| self.found.signal(found));
+    }
+
+    /// The newest position that was not taken before.
+    pub(crate) async fn next_found(&self) -> Found {
+        self.found.wait().await
     }
 
     /// A host asks for this rate, rounds in 100 s; 0 is that of the record.

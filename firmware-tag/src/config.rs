@@ -5,7 +5,7 @@ use positioning_core::Area;
 use positioning_core::engine::{self, NodeMethod, Solvers};
 use positioning_core::locator::{AnchorPosition, Settings, SiteModels};
 use positioning_core::nlos::Classifier;
-use wire::config::{PollContent, Solver};
+use wire::config::Solver;
 
 use crate::KnownBeacons;
 
@@ -75,7 +75,7 @@ impl<'a> LocatorConfig<'a> {
 
     /// The configuration of a tag with this record.
     pub fn of(tag: &wire::config::Tag, record: &'a wire::config::Record, anchors: &'a [AnchorPosition]) -> Self {
-        let tells_position = tag.tells == PollContent::Position;
+        let tells_position = tag.tells.has_position();
         let config = Self { tells_position, ..Self::new(tag.height_m, anchors) };
         config.within(tag).by(tag.solver).with_beacons(KnownBeacons::of(record))
     }

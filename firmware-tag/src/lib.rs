@@ -10,6 +10,7 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod advertise;
 mod channels;
 mod commands;
 mod config;
@@ -42,6 +43,7 @@ use ranging::{Radio, RadioDuration, RadioInstant, Restart};
 use wire::telemetry::{Condition, MotionSensor, Sighting};
 use wire::uwb::native::{Answer, Downlink, PolledPosition, UserData};
 
+use advertise::Found;
 use channels::Quiet;
 use commands::Commands;
 use sounding::Sounder;
@@ -211,6 +213,7 @@ pub async fn engine<const BEACONS: usize, M: RawMutex>(
                     Some(RoundFix { round: epoch.measured.number(), position })
                 });
                 channels.guide(Guidance { position_m, fix, rate, turns, ..Guidance::NONE });
+                let found = fix.map(|fix| Found::of(&fix, &epoch.measured));
                 if let Some(rate) = rate.filter(|_| !rates.is_still()) {
                     channels.rouse(rate);
                 }
@@ -218,6 +221,7 @@ pub async fn engine<const BEACONS: usize, M: RawMutex>(
                     sink.motion_sensor(MotionSensor::Endless);
                 }
                 sink.publish(epoch).await;
+                channels.tell_found(found);
                 channels.end(sink.now_us());
             }
             Either4::Second(heard) => {

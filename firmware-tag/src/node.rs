@@ -194,6 +194,16 @@ impl Tag {
         crate::scan::receive(self.channels, sink, data, rssi_dbm);
     }
 
+    /// The task that advertises positions. It runs only if the record asks for it.
+    pub async fn advertise(
+        &self,
+        sender: crate::advertise::Sender,
+        advertiser: impl crate::advertise::Advertiser,
+        delay: impl DelayNs,
+    ) -> Infallible {
+        crate::advertise::run(self.channels, sender, advertiser, delay).await
+    }
+
     /// The task that switches a scanner on and off.
     #[cfg(feature = "ble")]
     pub async fn scan(

@@ -94,6 +94,8 @@ pub(crate) struct NodeTable {
     tell_distances: bool,
     #[serde(default)]
     tell_position: bool,
+    #[serde(default)]
+    advertise_position: bool,
     report_ranges: Option<bool>,
     scan_interval_ms: Option<u16>,
     scan_window_ms: Option<u16>,
@@ -335,13 +337,15 @@ impl NodeTable {
             return Err(SiteError::at(lines.of("nlos_classifier"), what));
         }
         self.check_site_models(lines)?;
-        let tells = match (self.tell_distances, self.tell_position) {
-            (false, false) => PollContent::Nothing,
-            (true, false) => PollContent::Distances,
-            (false, true) => PollContent::Position,
-            (true, true) => {
-                let what = "tell_position and tell_distances: a poll has room for one of them";
-                return Err(SiteError::at(lines.of("tell_position"), what));
+        let telling = if self.advertise_position { "advertise_position" } else { "tell_position" };
+        let tells = match (self.tell_distances, self.tell_position, self.advertise_position) {
+            (false, false, false) => PollContent::Nothing,
+            (true, false, false) => PollContent::Distances,
+            (false, true, false) => PollContent::Position,
+            (false, _, true) => PollContent::Advertised,
+            (true, ..) => {
+                let what = format!("{telling} and tell_distances: a poll has room for one of them");
+                return Err(SiteError::at(lines.of(telling), what));
             }
         };
         Ok(Tag {

@@ -30,6 +30,7 @@ const ROLE_KEYS: [(RoleName, &[&str]); 4] = [
             "anchors_per_round",
             "tell_distances",
             "tell_position",
+            "advertise_position",
             "report_ranges",
             "scan_interval_ms",
             "scan_window_ms",

@@ -24,8 +24,13 @@ pub fn start() -> Cipher {
 #[cfg(feature = "ble")]
 use wire::uwb::native::software_code as make_code;
 
+/// Makes the code of a frame or an advertisement. One caller may interrupt another.
 #[cfg(not(feature = "ble"))]
-fn make_code(key: &[u8; 16], nonce: &wire::uwb::native::Nonce, parts: [&[u8]; 2]) -> wire::uwb::native::IntegrityCode {
+pub fn make_code(
+    key: &[u8; 16],
+    nonce: &wire::uwb::native::Nonce,
+    parts: [&[u8]; 2],
+) -> wire::uwb::native::IntegrityCode {
     use core::sync::atomic::{Ordering, compiler_fence};
 
     /// What the peripheral reads and writes, at the address that it is given.
@@ -37,17 +42,19 @@ fn make_code(key: &[u8; 16], nonce: &wire::uwb::native::Nonce, parts: [&[u8]; 2]
     }
 
     let mut data = Data { key: *key, cleartext: [0; 16], ciphertext: [0; 16] };
-    let ecb = pac::ECB;
-    ecb.ecbdataptr().write_value(&raw mut data as u32);
     wire::uwb::native::integrity_code(
         &mut |block| {
             data.cleartext = *block;
-            ecb.events_endecb().write_value(0);
-            compiler_fence(Ordering::SeqCst);
-            ecb.tasks_startecb().write_value(1);
-            // Nothing else in this image uses the chip's AES: nothing aborts it.
-            while ecb.events_endecb().read() == 0 {}
-            compiler_fence(Ordering::SeqCst);
+            // Ranging interrupts the task that advertises, and makes codes too.
+            critical_section::with(|_| {
+                let ecb = pac::ECB;
+                ecb.ecbdataptr().write_value(&raw mut data as u32);
+                ecb.events_endecb().write_value(0);
+                compiler_fence(Ordering::SeqCst);
+                ecb.tasks_startecb().write_value(1);
+                while ecb.events_endecb().read() == 0 {}
+                compiler_fence(Ordering::SeqCst);
+            });
             // SAFETY: the peripheral has written it. The compiler does not know of that.
             *block = unsafe { (&raw const data.ciphertext).read_volatile() };
         },

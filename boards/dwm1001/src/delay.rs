@@ -14,6 +14,8 @@ use core::task::{Context, Poll};
 
 use embassy_nrf::interrupt::Priority;
 use embassy_nrf::interrupt::typelevel::{self, Interrupt};
+#[cfg(not(feature = "ble"))]
+use embassy_nrf::pac::clock::vals::HfclkstatSrc;
 use embassy_nrf::pac::{CLOCK, TIMER1, timer::vals};
 use embassy_nrf::{Peri, peripherals};
 use embassy_sync::waitqueue::AtomicWaker;
@@ -34,6 +36,11 @@ const STARTING_US: u32 = 1_000;
 static RESTS: AtomicBool = AtomicBool::new(false);
 /// The number of waits in progress.
 static WAITS: AtomicU8 = AtomicU8::new(0);
+
+/// The crystal is off, as a rest wants it, unless …
+static RESTING: AtomicBool = AtomicBool::new(false);
+/// … the chip's own radio needs it.
+static HELD: AtomicBool = AtomicBool::new(false);
 
 /// One of two delays, for one task.
 pub struct Delay {
@@ -68,16 +75,59 @@ impl FastClocksOff {
         TIMER1.tasks_stop().write_value(1);
         // A timer that is only stopped still requests its clock (anomaly 78).
         TIMER1.tasks_shutdown().write_value(1);
-        CLOCK.tasks_hfclkstop().write_value(1);
+        RESTING.store(true, Ordering::Relaxed);
+        if !HELD.load(Ordering::Relaxed) {
+            CLOCK.tasks_hfclkstop().write_value(1);
+        }
         Self
     }
 }
 
 impl Drop for FastClocksOff {
     fn drop(&mut self) {
+        RESTING.store(false, Ordering::Relaxed);
         CLOCK.tasks_hfclkstart().write_value(1);
         TIMER1.tasks_start().write_value(1);
     }
+}
+
+/// Keeps the crystal on while it exists, also while the ranging task rests. One task below that one may hold it.
+#[cfg(not(feature = "ble"))]
+pub(crate) struct Crystal;
+
+#[cfg(not(feature = "ble"))]
+impl Crystal {
+    /// Returns when the crystal runs.
+    pub(crate) async fn hold() -> Self {
+        HELD.store(true, Ordering::Relaxed);
+        CLOCK.tasks_hfclkstart().write_value(1);
+        let this = Self;
+        while !is_running() {
+            // It starts within 0.4 ms.
+            Timer::after_micros(400).await;
+        }
+        this
+    }
+}
+
+#[cfg(not(feature = "ble"))]
+impl Drop for Crystal {
+    fn drop(&mut self) {
+        // The ranging task may end its rest at any instant, and needs the crystal from then on.
+        critical_section::with(|_| {
+            HELD.store(false, Ordering::Relaxed);
+            if RESTING.load(Ordering::Relaxed) {
+                CLOCK.tasks_hfclkstop().write_value(1);
+            }
+        });
+    }
+}
+
+/// Whether the 64 MHz clock comes from the crystal.
+#[cfg(not(feature = "ble"))]
+fn is_running() -> bool {
+    let clock = CLOCK.hfclkstat().read();
+    clock.state() && clock.src() == HfclkstatSrc::Xtal
 }
 
 impl Delay {

@@ -11,6 +11,8 @@
 #![no_std]
 #![cfg(target_os = "none")]
 
+#[cfg(not(feature = "ble"))]
+mod advertising;
 #[cfg(feature = "ble")]
 pub mod bluetooth;
 mod cipher;
@@ -23,6 +25,8 @@ use baliza_board_cortex_m::{self as cortex, crash, identity, reset_cause};
 use baliza_board_rtt::TelemetryChannel;
 use baliza_dw1000::driver::Dw1000;
 use embassy_executor::{InterruptExecutor, SendSpawner};
+#[cfg(not(feature = "ble"))]
+use embassy_nrf::Peri;
 use embassy_nrf::config::{Config, HfclkSource, LfclkSource};
 use embassy_nrf::gpio::{Input, Level, Output, OutputDrive, Pull};
 use embassy_nrf::interrupt::{self, InterruptExt, Priority, typelevel};
@@ -31,7 +35,11 @@ use embassy_nrf::{bind_interrupts, pac, peripherals, spim};
 use firmware_common::node::{Node, Start};
 use firmware_common::supervision::Lit;
 
+#[cfg(not(feature = "ble"))]
+pub use advertising::Advertiser;
 pub use baliza_board_cortex_m::{restart, uptime_us};
+#[cfg(not(feature = "ble"))]
+pub use cipher::make_code;
 pub use delay::Delay;
 pub use uwb::{Bus, Interrupt, Reset};
 pub use watchdog::Watchdog;
@@ -76,6 +84,9 @@ pub struct Board {
     /// The radio of the nRF52832.
     #[cfg(feature = "ble")]
     pub bluetooth: bluetooth::Parts,
+    /// The radio of the nRF52832, for an [`Advertiser`].
+    #[cfg(not(feature = "ble"))]
+    pub bluetooth: Peri<'static, peripherals::RADIO>,
 }
 
 impl Board {
@@ -136,6 +147,8 @@ impl Board {
             flash,
             motion: motion::Parts { twi: p.TWISPI0, scl: p.P0_28, sda: p.P0_29, int1: p.P0_25 },
             ranging: start_ranging(),
+            #[cfg(not(feature = "ble"))]
+            bluetooth: p.RADIO,
             #[cfg(feature = "ble")]
             bluetooth: bluetooth::Parts {
                 rtc0: p.RTC0,

@@ -182,6 +182,45 @@ mod tests {
     }
 
     #[test]
+    fn the_station_shows_the_positions_that_tags_advertise_and_each_once() {
+        let scenario = Scenario::parse(include_str!("../../../examples/advertised.toml")).expect("the example");
+        let mut live = LiveState::new(StateLimits::default());
+        let begin = Utc::clamped(1_000_000_000_000_000);
+        SimulatedSite::of(&scenario, "yard", begin).nodes.iter().for_each(|report| drop(live.apply(report)));
+        let walks: HashMap<String, _> =
+            scenario.tags.iter().map(|tag| (Address(tag.address).to_string(), tag.walk.clone())).collect();
+        let mut simulation = Simulation::new(scenario);
+        let mut nodes: HashMap<u16, (Timeline, NodeReporter)> = HashMap::new();
+        let mut positions: HashMap<String, Vec<f64>> = HashMap::new();
+        let mut found: HashMap<String, usize> = HashMap::new();
+        for record in simulation.run_until(30.0) {
+            if !simulation.scenario().has_host(record.node) {
+                *found.entry(Address(record.node).to_string()).or_default() += usize::from(record.epoch().is_some());
+                continue;
+            }
+            let own = || (Timeline::default(), NodeReporter::of("yard", record.node));
+            let (timeline, reporter) = nodes.entry(record.node).or_insert_with(own);
+            for message in record.messages() {
+                let stamp = timeline.place(&message);
+                let arrived = begin + Duration::from_secs_f64(record.t_s);
+                for update in reporter.reports(stamp, &message, arrived).iter().flat_map(|report| live.apply(report)) {
+                    let Update::Position(found) = update else { continue };
+                    let true_m = walks[&found.tag].at(found.t.since(begin).as_secs_f64());
+                    positions.entry(found.tag).or_default().push((found.x_m - true_m[0]).hypot(found.y_m - true_m[1]));
+                }
+            }
+        }
+        assert_eq!(nodes.len(), 2, "scanners alone have a host");
+        for tag in ["0x1001", "0x1002"] {
+            let (errors_m, found) = (&positions[tag], found[tag]);
+            // One in forty is lost, and none counts twice.
+            assert!((0.9 * found as f64) as usize <= errors_m.len() && errors_m.len() <= found, "{tag}: {found}");
+            let rms_m = (errors_m.iter().map(|m| m * m).sum::<f64>() / errors_m.len() as f64).sqrt();
+            assert!(rms_m < 0.3, "{tag}: {rms_m}");
+        }
+    }
+
+    #[test]
     fn scanners_tell_the_station_of_the_beacons_that_they_receive() {
         let scenario = Scenario::parse(include_str!("../../../examples/scanners.toml")).expect("the example");
         let site = SimulatedSite::of(&scenario, "flat", Utc::default());

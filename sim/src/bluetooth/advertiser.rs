@@ -12,7 +12,8 @@ use rand::Rng;
 
 use super::Bluetooth;
 use super::channel::{Channel, Link, Medium};
-use crate::air::Wall;
+use crate::TrueTime;
+use crate::air::{Path, Wall};
 use crate::random::{Purpose, stream};
 
 /// The random delay of an event (Bluetooth Core 5.4, volume 6, part B, 4.4.2.2.1).
@@ -24,8 +25,8 @@ const HOP: Duration = Duration::from_micros(250);
 pub struct Sender {
     /// The beacon's number, which selects its random draws.
     pub number: u64,
-    /// Metres.
-    pub at: [f64; 3],
+    /// Where it is.
+    pub path: Path,
     /// RSSI at 1 m in line of sight, the mean over all positions, dBm.
     pub rssi_1m_dbm: f64,
     link: Link,
@@ -33,12 +34,12 @@ pub struct Sender {
 
 impl Sender {
     /// Draws the random fields of the paths from this beacon.
-    pub fn new(medium: Medium, seed: u64, number: u64, at: [f64; 3], rssi_1m_dbm: f64) -> Self {
-        Self { number, at, rssi_1m_dbm, link: Link::draw(medium, seed, number) }
+    pub fn new(medium: Medium, seed: u64, number: u64, path: Path, rssi_1m_dbm: f64) -> Self {
+        Self { number, path, rssi_1m_dbm, link: Link::draw(medium, seed, number) }
     }
 
-    pub(super) fn rssi_dbm(&self, walls: &[Wall], to: [f64; 3], channel: Channel) -> f64 {
-        self.link.rssi_dbm(walls, (self.at, self.rssi_1m_dbm), to, channel)
+    pub(super) fn rssi_dbm(&self, walls: &[Wall], to: [f64; 3], channel: Channel, time: TrueTime) -> f64 {
+        self.link.rssi_dbm(walls, (self.path.at(time), self.rssi_1m_dbm), to, channel)
     }
 }
 
@@ -87,6 +88,15 @@ impl Advertiser {
         state.changes += 1;
         if let Some(waker) = state.waker.take() {
             waker.wake();
+        }
+    }
+
+    /// Sends these bytes once on each channel, and returns after the last. `before` passes before each.
+    pub async fn send_once(&self, data: &[u8], mut before: impl AsyncFnMut()) {
+        let data: Rc<[u8]> = data.into();
+        for channel in Channel::ALL {
+            before().await;
+            self.pause(self.air.send(&self.sender, channel, &data)).await;
         }
     }
 

@@ -226,7 +226,7 @@ impl Bluetooth {
     fn receive(&self, packet: &Packet, others: &[&Packet], ear: &mut Ear) -> Reception {
         let config = &self.config;
         let at = ear.path.at(packet.to);
-        let rssi = |packet: &Packet| packet.sender.rssi_dbm(&self.walls, at, packet.channel);
+        let rssi = |packet: &Packet| packet.sender.rssi_dbm(&self.walls, at, packet.channel, packet.to);
         let received_dbm = rssi(packet) + channel::noise_db(packet.channel, &mut ear.draws);
         // The number of draws is always the same, so that the result of one reception changes no other.
         let (power, chance, known): (f64, f64, f64) = (ear.draws.random(), ear.draws.random(), ear.draws.random());

@@ -16,7 +16,7 @@ fn hear(config: BluetoothConfig, distances_m: &[f64], interval_ms: u64) -> (Vec<
     let world = World::new(4, crate::AirConfig::default());
     let air = Bluetooth::new(&world, config.clone(), &[]);
     for (number, distance_m) in (0_u16..).zip(distances_m) {
-        let sender = Sender::new(config.medium, 4, number.into(), [*distance_m, 0.0, 0.0], -59.0);
+        let sender = Sender::new(config.medium, 4, number.into(), Path::Fixed([*distance_m, 0.0, 0.0]), -59.0);
         let advertiser = air.advertiser(sender);
         advertiser.send(Some((&ibeacon(number), Duration::from_millis(interval_ms), [true; 3])));
         world.spawn(async move {

@@ -1,7 +1,5 @@
 //! How a scenario's air treats ranges, and the surveyed positions of its anchors.
 
-use wire::config::PollContent;
-
 use super::{AirModel, Anchor, Carrier, Scenario, Tag};
 use crate::AirConfig;
 use crate::random::{Purpose, gauss, stream};
@@ -42,6 +40,6 @@ impl Tag {
 
     /// Whether its polls carry its last position.
     pub(super) fn tells_position(&self) -> bool {
-        self.settings.record.tells == PollContent::Position
+        self.settings.record.tells.has_position()
     }
 }

@@ -16,6 +16,7 @@ use super::bluetooth_node::{BluetoothNode, introduced};
 use super::telemetry::Outlet;
 use super::{Format, Scenario};
 use crate::World;
+use crate::air::Path;
 use crate::bluetooth::{Bluetooth, Sender};
 use crate::random::{Purpose, stream};
 
@@ -61,7 +62,7 @@ async fn live(
     outlet: Rc<Outlet>,
 ) -> Infallible {
     let number = beacon.address.into();
-    let sender = Sender::new(air.medium(), world.seed(), number, beacon.at, beacon.rssi_1m_dbm);
+    let sender = Sender::new(air.medium(), world.seed(), number, Path::Fixed(beacon.at), beacon.rssi_1m_dbm);
     let radio = air.advertiser(sender);
     let advertiser = beacon.advertiser;
     let interval = Duration::from_millis(advertiser.interval_ms.into());

@@ -48,9 +48,10 @@ impl Scenario {
     }
 
     /// The config record of a scanner, which knows every beacon. Its UWB settings are not used.
-    pub(super) fn scanner_record(scanner: &Scanner, beacon_key: Option<[u8; 16]>) -> Record {
+    pub(super) fn scanner_record(&self, scanner: &Scanner) -> Record {
         let identity = Identity { address: Some(scanner.address), ..Identity::default() };
-        Record { identity, beacon_key, ..record(NETWORK, Role::Scanner, None) }
+        let network = Network { key: None, ..self.network(0) };
+        Record { identity, beacon_key: self.beacon_key, ..record(network, Role::Scanner, None) }
     }
 
     /// Checks that every node can follow its record.

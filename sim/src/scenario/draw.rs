@@ -29,6 +29,8 @@ pub struct Charges {
     pub processor: f64,
     /// The motion sensor.
     pub motion_sensor: f64,
+    /// The chip's own radio advertised positions.
+    pub advertising: f64,
     /// The rest of the board while its processor waits or sleeps.
     pub board: f64,
 }
@@ -37,7 +39,7 @@ impl Charges {
     /// The sum of all.
     pub fn sum(&self) -> f64 {
         let radio = self.receiving + self.sending + self.idle + self.waking + self.sleeping;
-        radio + self.processor + self.motion_sensor + self.board
+        radio + self.processor + self.motion_sensor + self.advertising + self.board
     }
 
     fn each(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
@@ -49,6 +51,7 @@ impl Charges {
             sleeping: f(self.sleeping, other.sleeping),
             processor: f(self.processor, other.processor),
             motion_sensor: f(self.motion_sensor, other.motion_sensor),
+            advertising: f(self.advertising, other.advertising),
             board: f(self.board, other.board),
         }
     }
@@ -68,14 +71,15 @@ impl Draw {
             sleeping: 1e3 * (sleep_ma * chip.sleep_s + deep_sleep_ma * chip.deep_sleep_s),
             processor: running,
             motion_sensor: 0.0,
+            advertising: 0.0,
             board: times.charge_uc(board) - running,
         };
         Self { at_s: now.as_secs_f64(), charges }
     }
 
-    /// The same with the charge that the motion sensor has drawn, microcoulombs.
-    pub(super) fn with_motion_sensor(self, motion_sensor: f64) -> Self {
-        Self { charges: Charges { motion_sensor, ..self.charges }, ..self }
+    /// The same with the charges that the motion sensor and the chip's own radio have drawn, microcoulombs.
+    pub(super) fn with(self, motion_sensor: f64, advertising: f64) -> Self {
+        Self { charges: Charges { motion_sensor, advertising, ..self.charges }, ..self }
     }
 
     /// The charge drawn since an earlier instant, and the seconds since then.
@@ -131,13 +135,13 @@ mod tests {
         let chip = |s| Consumption { receive_uc: 7.0 * s, idle_s: s, deep_sleep_s: 6.0 * s, ..Consumption::default() };
         let at = |s: u64| {
             let draw = Draw::new(TrueTime::from_micros(7_000_000 * s), times(s), &board, &chip(s as f64));
-            draw.with_motion_sensor(3.0 * s as f64)
+            draw.with(3.0 * s as f64, 0.5 * s as f64)
         };
         let (charges, seconds) = at(3).since(Some(at(1)));
         // Twice: 4 mA · 1 s; 1 mA · 2 s + 0.5 mA · 4 s; 18 mA · 1 s; 50 nA · 6 s.
         assert_eq!((charges.processor, charges.board, charges.receiving), (8_000.0, 8_000.0, 14.0));
         assert_eq!((charges.idle, charges.motion_sensor, seconds), (36_000.0, 6.0, 14.0));
-        assert!((charges.sleeping - 0.6).abs() < 1e-9);
+        assert!((charges.sleeping - 0.6).abs() < 1e-9 && charges.advertising == 1.0);
         let drawn = Drawn::default().plus((charges, seconds), 5);
         // 36 mC in 14 s.
         assert!((drawn.currents_ma().unwrap().idle - 36.0 / 14.0).abs() < 1e-9);

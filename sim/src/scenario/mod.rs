@@ -25,6 +25,7 @@ mod of_site;
 mod record;
 mod run;
 mod scanning;
+mod tag_advertiser;
 mod telemetry;
 mod uplink;
 
@@ -106,14 +107,12 @@ impl Scenario {
         }
     }
 
-    /// Whether a host reads what a node reports: where anchors are gateways, only those, scanners, and tags with Wi-Fi have
-    /// one.
+    /// Whether a host reads what a node reports: where anchors are gateways, or scanners are there, only those and nodes with
+    /// Wi-Fi have one.
     pub fn has_host(&self, address: u16) -> bool {
-        let mut gateways = self.anchors.iter().filter(|anchor| anchor.gateway).peekable();
-        gateways.peek().is_none()
-            || gateways.any(|anchor| anchor.address == address)
-            || self.has_wifi(address)
-            || self.scanners.iter().any(|scanner| scanner.address == address)
+        let gateways = self.anchors.iter().filter(|anchor| anchor.gateway).map(|anchor| anchor.address);
+        let mut with_host = gateways.chain(self.scanners.iter().map(|scanner| scanner.address)).peekable();
+        with_host.peek().is_none() || with_host.any(|known| known == address) || self.has_wifi(address)
     }
 
     /// Whether a node has Wi-Fi.

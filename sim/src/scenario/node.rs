@@ -12,6 +12,7 @@ use embedded_hal_async::delay::DelayNs;
 use firmware_common::lines::LinePace;
 use firmware_common::settings::{Cipher, ProtocolConfig};
 use firmware_common::{AnchorProtocol, Settings, Start, TagProtocol, introduce};
+use firmware_tag::advertise;
 use firmware_tag::motion;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::scan;
@@ -24,13 +25,15 @@ use ranging::PhyConfig;
 use ranging::Restart;
 use ranging::native::AnchorTables;
 use ranging::radio::Config;
-use wire::config::{LoadError, MAX_BYTES, Record, Role};
+use wire::config::{LoadError, MAX_BYTES, PollContent, Record, Role};
 use wire::telemetry::{Board, Condition, Hello, ResetCause};
+use wire::uwb::native::software_code;
 
 use super::config::eui;
 use super::downlink::content;
 use super::hardware::{Firmware, NodePlan};
 use super::inspection::{Inspected, Inspection};
+use super::tag_advertiser::TagAdvertiser;
 use super::telemetry::{Outlet, Reporter};
 use super::{Anchor, Scenario, Tag};
 use crate::air::Path;
@@ -302,6 +305,14 @@ impl TagApp {
             let scanner = Interfering { scanner, world, processor, address };
             scan::run(&channels, plan.into(), scanner, background.clone(), &sink).await
         };
+        let advertising = async {
+            let (PollContent::Advertised, Some(Ears { air, path })) = (tag.tells, &self.ears) else {
+                return pending().await;
+            };
+            let radio = TagAdvertiser::new((world, air), *address, path.clone(), (processor, &self.app.outlet));
+            let sender = advertise::Sender::new(record, settings.address, software_code);
+            advertise::run(&channels, sender, radio, background.clone()).await
+        };
         let motion = async {
             if let Some(sensor) = self.sensor.as_ref().filter(|_| tag.still_rate_chz.is_some()) {
                 let (twi, int1) = (sensor.twi(processor), sensor.int1(processor));
@@ -311,7 +322,7 @@ impl TagApp {
             pending::<Infallible>().await
         };
         let user = join(self.send_data(&channels), self.take_messages(&channels));
-        join3(join3(ranging, engine, scan), motion, user).await.1
+        join3(join3(ranging, engine, scan), join(motion, advertising), user).await.0.0
     }
 }
 

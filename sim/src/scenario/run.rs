@@ -7,6 +7,7 @@ use std::rc::Rc;
 use super::airtime::Airtime;
 use super::attacker;
 use super::bluetooth_node::BluetoothNode;
+use super::tag_advertiser;
 use wire::uwb::native::Downlink;
 
 use super::carrying::Feeling;
@@ -59,7 +60,8 @@ fn on_bluetooth(
         nodes.insert(beacon.address, beacon::start(around, beacon, key, outlet((beacon.address, false))));
     }
     for scanner in &scenario.scanners {
-        nodes.insert(scanner.address, scanning::start(around, scanner, key, outlet((scanner.address, false))));
+        let record = scenario.scanner_record(scanner);
+        nodes.insert(scanner.address, scanning::start(around, scanner, record, outlet((scanner.address, false))));
     }
     nodes
 }
@@ -82,8 +84,8 @@ impl Simulation {
             log.borrow_mut().blinks.set_height(tag.address, tag.settings.record.height_m);
         }
         log.borrow_mut().sender = Sender::of(&scenario);
-        let bluetooth =
-            (!scenario.beacons.is_empty()).then(|| Bluetooth::new(&world, scenario.bluetooth.clone(), &scenario.walls));
+        let bluetooth = (!scenario.beacons.is_empty() || !scenario.scanners.is_empty())
+            .then(|| Bluetooth::new(&world, scenario.bluetooth.clone(), &scenario.walls));
         let mut outlets = BTreeMap::new();
         let mut outlet =
             |of: (u16, bool)| outlets.entry(of.0).or_insert(Outlet::new(of, &world, &scenario, &log)).clone();
@@ -235,7 +237,9 @@ impl Simulation {
     /// The charge that a tag has drawn.
     fn draw(&self, address: u16) -> Option<Draw> {
         let draw = self.nodes.get(&address)?.draw(self.world.now())?;
-        Some(draw.with_motion_sensor(self.sensors.get(&address).map_or(0.0, Sensor::drawn_uc)))
+        let motion_sensor = self.sensors.get(&address).map_or(0.0, Sensor::drawn_uc);
+        let advertised = self.outlets.get(&address).map_or(0, |outlet| outlet.advertised.get());
+        Some(draw.with(motion_sensor, f64::from(advertised) * tag_advertiser::ADVERTISEMENT_UC))
     }
 
     /// The charge that all tags have drawn since their first positions.

@@ -7,9 +7,9 @@ use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::channel::Channel;
 use firmware_scanner::Sightings;
+use wire::config::Record;
 use wire::telemetry::Role;
 
-use super::Scenario;
 use super::bluetooth_node::{BluetoothNode, introduced};
 use super::telemetry::Outlet;
 use crate::World;
@@ -34,21 +34,15 @@ const WAITING: usize = 16;
 pub(super) fn start(
     (world, air): (&World, &Bluetooth),
     scanner: &Scanner,
-    beacon_key: Option<[u8; 16]>,
+    record: Record,
     outlet: Rc<Outlet>,
 ) -> BluetoothNode {
     let (around, scanner) = ((world.clone(), air.clone()), scanner.clone());
-    BluetoothNode::start(world, move || live(around.clone(), scanner.clone(), beacon_key, outlet.clone()))
+    BluetoothNode::start(world, move || live(around.clone(), scanner.clone(), record.clone(), outlet.clone()))
 }
 
-async fn live(
-    (world, air): (World, Bluetooth),
-    scanner: Scanner,
-    beacon_key: Option<[u8; 16]>,
-    outlet: Rc<Outlet>,
-) -> Infallible {
+async fn live((world, air): (World, Bluetooth), scanner: Scanner, record: Record, outlet: Rc<Outlet>) -> Infallible {
     let reporter = outlet.boot(None);
-    let record = Scenario::scanner_record(&scanner, beacon_key);
     let (hello, record) = introduced(&reporter, Role::Scanner, scanner.address, record);
     let sightings = Sightings::new(&reporter, &record);
     // The air calls it from other tasks.

@@ -1,7 +1,7 @@
 //! What a node reports: frames of telemetry are taken from its queue, as a host takes them from its channel, and become
 //! records beside the true values.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::{HashMap, VecDeque};
 use std::fmt::Debug;
 use std::rc::Rc;
@@ -75,6 +75,8 @@ pub(super) struct Outlet {
     has_host: bool,
     /// Whether it is a tag that tells its positions in its polls.
     tells_position: bool,
+    /// Positions that the node has advertised.
+    pub(super) advertised: Cell<u32>,
     /// The reporter of the node's present run, and the time of its start, microseconds.
     life: RefCell<Option<(Rc<Reporter>, u64)>>,
     /// The time up to which the log is complete, seconds.
@@ -142,6 +144,7 @@ impl Outlet {
             log: log.clone(),
             has_host: scenario.has_host(node),
             tells_position,
+            advertised: Cell::new(0),
             life: RefCell::default(),
             reported_s: RefCell::default(),
             round: RefCell::default(),

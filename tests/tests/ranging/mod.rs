@@ -1,6 +1,7 @@
 //! System tests of ranging: the complaints of users of other systems, the promised figures, and the captures.
 
 mod accuracy;
+mod advertised;
 mod air;
 mod captures;
 mod complaints;

@@ -48,6 +48,8 @@ pub struct BoardSpec {
     pub has_wifi: bool,
     /// Whether there is a beacon image for it.
     pub advertises: bool,
+    /// Whether the image of a tag can advertise its positions.
+    pub tag_advertises: bool,
     /// What its radio can do.
     pub radio: Capabilities,
     /// Which pins the radio may be wired to; `None`: the board has fixed wiring.
@@ -135,6 +137,7 @@ const DWM1001: BoardSpec = BoardSpec {
     has_bluetooth: true,
     has_wifi: false,
     advertises: false,
+    tag_advertises: true,
     radio: DW1000,
     pins: None,
 };
@@ -154,6 +157,7 @@ const EVK1000: BoardSpec = BoardSpec {
     has_bluetooth: false,
     has_wifi: false,
     advertises: false,
+    tag_advertises: false,
     radio: DW1000,
     pins: None,
 };
@@ -187,6 +191,7 @@ const ESP32_C3: BoardSpec = BoardSpec {
     has_bluetooth: true,
     has_wifi: true,
     advertises: true,
+    tag_advertises: false,
     radio: DW1000,
     pins: Some(PinChoice {
         default: Pins { sck: 6, mosi: 7, miso: 2, cs: 10, irq: 4, reset: 3 },
@@ -244,6 +249,7 @@ const SIMULATED: BoardSpec = BoardSpec {
     has_bluetooth: false,
     has_wifi: false,
     advertises: false,
+    tag_advertises: true,
     radio: DW1000,
     pins: None,
 };

@@ -109,6 +109,16 @@ pub enum PollContent {
     Distances,
     /// The last position, for anchors that report it to their hosts.
     Position,
+    /// The same, and the tag advertises each position by Bluetooth. An image that does not know this takes a record with it for
+    /// a damaged one.
+    Advertised,
+}
+
+impl PollContent {
+    /// Whether polls carry the last position.
+    pub const fn has_position(self) -> bool {
+        matches!(self, Self::Position | Self::Advertised)
+    }
 }
 
 /// The box in which a tag can be: the outline of a building, floor and ceiling. Infinite coordinates are not known.

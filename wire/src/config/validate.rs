@@ -5,7 +5,9 @@ use core::fmt;
 use radio::phy::{Channel, DataRate, PhyError, PreambleLength, Prf};
 use radio::{Capabilities, PhyConfig, Unsupported};
 
-use crate::config::{Advertiser, Board, Identity, Mode, Network, Pins, Record, Role, Scan, Solver, Tag, TagArea};
+use crate::config::{
+    Advertiser, Board, Identity, Mode, Network, Pins, PollContent, Record, Role, Scan, Solver, Tag, TagArea,
+};
 use crate::uwb::MAX_ROUND;
 
 /// The deviations of a height that is known, metres. Beyond, positions in space are better.
@@ -150,6 +152,12 @@ impl Record {
                 let allowed = board.pins.is_some_and(|choice| choice.allows(pin, driven));
                 ensure(allowed, name, integer(pin), must)?;
             }
+        }
+        if let Role::Tag(Tag { tells: PollContent::Advertised, scan, .. }) = &self.role {
+            let refuse = |holds, must| ensure(holds, "tag.advertise_position", Value::Word(words("true")), must);
+            refuse(board.tag_advertises, "absent: only the DWM1001's image of a tag advertises")?;
+            refuse(scan.is_none(), "absent beside scan_interval_ms: the image that scans does not advertise")?;
+            refuse(self.network.mode != Mode::Blink, "absent in mode blink: such a tag does not know its position")?;
         }
         match &self.role {
             Role::Tag(Tag { scan: Some(scan), .. }) => {

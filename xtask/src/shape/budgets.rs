@@ -56,7 +56,7 @@ pub struct Budget {
 
 /// Lines of code without tests, benches and examples.
 pub const LINES: [(CratePurpose, Budget); 4] = [
-    (CratePurpose::Nodes, Budget { what: "lines: nodes", most: 32_600, reach: 25_000 }),
+    (CratePurpose::Nodes, Budget { what: "lines: nodes", most: 32_900, reach: 25_000 }),
     (CratePurpose::Host, Budget { what: "lines: host and station", most: 44_100, reach: 34_000 }),
     (CratePurpose::Simulation, Budget { what: "lines: simulation", most: 11_000, reach: 11_000 }),
     (CratePurpose::Tools, Budget { what: "lines: developers' tools", most: 15_700, reach: 10_000 }),

@@ -3,12 +3,20 @@
 #![no_std]
 #![no_main]
 
+#[cfg(not(feature = "ble"))]
+use baliza_board_dwm1001::{Advertiser, make_code};
 use baliza_board_dwm1001::{Board, Delay, Radio, motion, supervise};
 use embassy_executor::Spawner;
+#[cfg(not(feature = "ble"))]
+use firmware_common::node::Configured;
 use firmware_common::node::{Node, Reporter};
+#[cfg(not(feature = "ble"))]
+use firmware_tag::advertise::Sender;
 use firmware_tag::motion::lis2dh12::{Lis2dh12, Sa0Pad};
 use firmware_tag::node::{Memory, NlosModelStore, RangingParts, Tag};
 use static_cell::StaticCell;
+#[cfg(not(feature = "ble"))]
+use wire::config::PollContent;
 use wire::telemetry::Role;
 
 static REPORTER: StaticCell<Reporter> = StaticCell::new();
@@ -32,6 +40,13 @@ async fn follow_motion(tag: &'static Tag, parts: motion::Parts) {
     let (bus, int1) = parts.into_bus_and_line();
     let sensor = Lis2dh12::new(bus, Sa0Pad::High, int1, embassy_time::Delay);
     tag.follow_motion(sensor, embassy_time::Delay, &tag.sink()).await;
+}
+
+/// Runs only if the record asks for it.
+#[cfg(not(feature = "ble"))]
+#[embassy_executor::task]
+async fn advertise(tag: &'static Tag, sender: Sender, radio: Advertiser) {
+    tag.advertise(sender, radio, embassy_time::Delay).await;
 }
 
 #[cfg(feature = "ble")]
@@ -73,6 +88,11 @@ async fn main(spawner: Spawner) {
         spawner.spawn(engine(tag).unwrap());
         if tag.config.still_rate_chz.is_some() {
             spawner.spawn(follow_motion(tag, board.motion).unwrap());
+        }
+        #[cfg(not(feature = "ble"))]
+        if let (PollContent::Advertised, Some(Configured { record, settings })) = (tag.config.tells, &configured) {
+            let sender = Sender::new(record, settings.address, make_code);
+            spawner.spawn(advertise(tag, sender, Advertiser::new(board.bluetooth)).unwrap());
         }
         #[cfg(feature = "ble")]
         if let Some(wanted) = tag.config.scan {

@@ -239,7 +239,8 @@ impl Text {
         self.line("sleep", tag.sleep);
         self.line("anchors_per_round", tag.anchors_per_round);
         self.line("tell_distances", tag.tells == PollContent::Distances);
-        self.line("tell_position", tag.tells == PollContent::Position);
+        self.line("tell_position", tag.tells.has_position());
+        self.line_if("advertise_position", (tag.tells == PollContent::Advertised).then_some(true));
         self.line("report_ranges", tag.report_ranges);
         if let Some(scan) = tag.scan {
             self.line("scan_interval_ms", scan.interval_ms);

@@ -1,11 +1,11 @@
 //! Bytes from the air and from a node's stream: what was parsed and is written again is parsed as the same.
 
 use firmware_gateway::{Gateway, GatewayIdentity};
-use wire::ble::{Advertised, EddystoneUid, Fresh, IBeacon, RotatingId};
+use wire::ble::{Advertised, EddystoneUid, Fresh, IBeacon, RotatingId, TagPosition};
 use wire::datagram::{self, Datagram, Envelope, MAX_DATAGRAM, Receipt};
 use wire::telemetry::{Decoder, Hello, MAX_FRAME, Message, Role};
 use wire::to_node::{self, FrameReader};
-use wire::uwb::native::Message as Native;
+use wire::uwb::native::{Message as Native, PolledPosition};
 use wire::uwb::{FrameBuffer, decaranging, native};
 
 use crate::{finite, seal};
@@ -113,12 +113,25 @@ pub fn advertisements(input: &[u8]) {
         Ok(Advertised::EddystoneUid(uid)) => assert_eq!(EddystoneUid::parse(&uid.emit()), Ok(uid)),
         Err(_) => {}
     }
+    let code = || Some(|nonce: &native::Nonce, bytes: &[u8]| native::software_code(&[7; 16], nonce, [bytes, &[]]));
+    if let Some(position) = TagPosition::parse(input, code()) {
+        let emitted = position.emit(code());
+        assert_eq!(TagPosition::parse(&emitted, code()), Some(position));
+        assert_eq!(TagPosition::parse(&emitted, NO_CODE), Some(position));
+    }
+    if let Some(position) = TagPosition::parse(input, NO_CODE) {
+        assert_eq!(TagPosition::parse(&position.emit(NO_CODE), NO_CODE), Some(position));
+    }
 }
+
+const NO_CODE: Option<fn(&native::Nonce, &[u8]) -> native::IntegrityCode> = None;
 
 pub fn advertisement_seeds() -> Vec<Vec<u8>> {
     let ibeacon = IBeacon { uuid: [3; 16], major: 1, minor: 2, measured_power_dbm: -59 };
     let uid = EddystoneUid { namespace: [4; 10], instance: [5; 6], power_0m_dbm: -18 };
-    vec![ibeacon.emit().to_vec(), uid.emit().to_vec()]
+    let position = PolledPosition::new([1.0, 2.0, 3.0], [[0.1, 0.0, 0.0]; 3], false).expect("a position");
+    let position = TagPosition { pan: 1, tag: 2, round: 3, asked: 4, position };
+    vec![ibeacon.emit().to_vec(), uid.emit().to_vec(), position.emit(NO_CODE).to_vec()]
 }
 
 /// The first byte decides whether the rest is a stream, or bodies of frames. Messages to nodes are framed alike.

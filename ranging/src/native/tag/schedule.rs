@@ -252,7 +252,7 @@ impl Tag {
     ) -> Action<'_> {
         let wish = self.meter.wish(self.config.scheme);
         let mut poll = self.round.begin(&mut self.anchors, scheme, wish, self.config.tells == PollContent::Distances);
-        poll.position = self.fix.filter(|_| self.config.tells == PollContent::Position).and_then(|fix| {
+        poll.position = self.fix.filter(|_| self.config.tells.has_position()).and_then(|fix| {
             let rounds_ago = u8::try_from(poll.round.wrapping_sub(fix.round)).ok()?;
             (rounds_ago <= PolledPosition::OLDEST).then_some(fix.position.of_rounds_ago(rounds_ago))
         });

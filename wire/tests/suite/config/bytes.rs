@@ -253,7 +253,7 @@ prop_compose! {
 prop_compose! {
     fn a_tag()(
         height_m in of(-10_f32..100.0), rate in of(100..=100_000_u32), still in of(0.0..1_f64), sleep: bool,
-        anchors_per_round in 1..=8_u8, tells in prop::sample::select(vec![PollContent::Nothing, PollContent::Distances, PollContent::Position]),
+        anchors_per_round in 1..=8_u8, tells in prop::sample::select(vec![PollContent::Nothing, PollContent::Distances, PollContent::Position, PollContent::Advertised]),
         scan in of((3..=10_240_u16, 0.0..1_f64)),
         report_ranges: bool, scheme in of(prop::sample::select(&Scheme::ALL)), sigma in of(0.01_f32..1.0),
         area in of(an_area()),

@@ -1,8 +1,8 @@
 //! Which values of a config record are valid.
 
 use baliza_wire::config::{
-    Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, Record, Region, ReplyDelay, Role, Scan, Scheme, Solver,
-    Tag, TagArea,
+    Anchor, Beacon, Board, Identity, Invalid, Mode, Phy, Pins, PollContent, Record, Region, ReplyDelay, Role, Scan,
+    Scheme, Solver, Tag, TagArea,
 };
 use radio::phy::{Channel, DataRate, PreambleLength, Prf};
 use radio::{Capabilities, PhyConfig};
@@ -119,6 +119,27 @@ fn an_advertiser_s_ranges() {
     assert!(change(|a| a.tx_power_dbm = 21).starts_with("beacon.tx_power_dbm is 21: "));
     assert!(change(|a| a.channels = 0).starts_with("beacon.channels is 0: "));
     assert!(change(|a| a.channels = 8).starts_with("beacon.channels is 8: "));
+}
+
+#[test]
+fn only_a_dwm1001_that_knows_its_position_and_does_not_scan_advertises_it() {
+    let advertising = |change: fn(&mut Record)| {
+        let mut record = tag();
+        (role_of(&mut record).tells, role_of(&mut record).scan) = (PollContent::Advertised, None);
+        change(&mut record);
+        record
+    };
+    let said = |record: &Record, board| record.validate_for(board).map_err(|invalid| invalid.to_string());
+    assert_eq!(said(&advertising(|_| ()), Board::Dwm1001), Ok(()));
+    let refused = |change, board, why: &str| {
+        let said = said(&advertising(change), board).expect_err(why);
+        assert_eq!(said, format!("tag.advertise_position is true: it must be absent{why}"));
+    };
+    refused(|_| (), Board::Esp32C3, ": only the DWM1001's image of a tag advertises");
+    let scan = |record: &mut Record| role_of(record).scan = Some(Scan { interval_ms: 50, window_ms: 50 });
+    refused(scan, Board::Dwm1001, " beside scan_interval_ms: the image that scans does not advertise");
+    let blink = |record: &mut Record| record.network.mode = Mode::Blink;
+    refused(blink, Board::Dwm1001, " in mode blink: such a tag does not know its position");
 }
 
 #[test]
