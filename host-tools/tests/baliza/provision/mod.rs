@@ -404,3 +404,37 @@ fn the_board_of_the_flag_overrides_that_of_the_file() {
     refused(&run, "site.toml:40: scan_interval_ms is 100: ");
     assert_eq!(folder.names(), ["site.toml", "tag.bin"]);
 }
+
+#[test]
+fn a_tag_that_advertises_its_positions_has_bluetooth_s_key_and_the_board_for_it() {
+    let key = "beacon_key = \"a00102030405060708090a0b0c0d0e0f\"";
+    let site = fs::read_to_string(root().join("examples/advertised.toml")).expect("the example");
+    let site = site.replace("# beacon_key = \"…\"", key);
+    let folder = provisioned(&site);
+    for node in ["badge", "west"] {
+        let shown = folder.run(&format!("provision --show records/{node}.bin --show-keys --json")).ok().object();
+        assert_eq!(shown["network"]["beacon_key"], "a00102030405060708090a0b0c0d0e0f");
+        let tells = (&shown["node"][0]["tell_position"], &shown["node"][0]["advertise_position"]);
+        let expected = if node == "badge" { serde_json::json!(true) } else { serde_json::Value::Null };
+        assert_eq!(tells, (&expected, &expected));
+    }
+    let of_anchor = folder.run("provision --show records/anchor-1.bin --show-keys --json").ok().object();
+    assert_eq!(of_anchor["network"]["beacon_key"], serde_json::Value::Null);
+    let refused_with = |text: &str, line: &str, what: &str| {
+        let folder = Folder::with(&[("site.toml", text)]);
+        let run = folder.run("provision --config site.toml --node badge --out badge.bin");
+        let at = text.lines().count() - text.lines().rev().position(|other| other == line).expect("the line");
+        refused(&run, &format!("site.toml:{at}: {what}"));
+    };
+    let badge = |more: &str| site.replace("sleep = true\n", &format!("sleep = true\n{more}\n"));
+    refused_with(
+        &badge("tell_distances = true"),
+        "advertise_position = true",
+        "advertise_position and tell_distances: a poll has room for one of them",
+    );
+    refused_with(
+        &badge("scan_interval_ms = 100"),
+        "advertise_position = true",
+        "advertise_position is true: it must be absent beside scan_interval_ms",
+    );
+}
