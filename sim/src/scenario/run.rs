@@ -8,6 +8,7 @@ use super::airtime::Airtime;
 use super::attacker;
 use super::bluetooth_node::BluetoothNode;
 use super::tag_advertiser;
+use wire::config::PollContent;
 use wire::uwb::native::Downlink;
 
 use super::carrying::Feeling;
@@ -84,8 +85,10 @@ impl Simulation {
             log.borrow_mut().blinks.set_height(tag.address, tag.settings.record.height_m);
         }
         log.borrow_mut().sender = Sender::of(&scenario);
-        let bluetooth = (!scenario.beacons.is_empty() || !scenario.scanners.is_empty())
-            .then(|| Bluetooth::new(&world, scenario.bluetooth.clone(), &scenario.walls));
+        let advertises = |tag: &Tag| tag.settings.record.tells == PollContent::Advertised;
+        let is_used =
+            !(scenario.beacons.is_empty() && scenario.scanners.is_empty()) || scenario.tags.iter().any(advertises);
+        let bluetooth = is_used.then(|| Bluetooth::new(&world, scenario.bluetooth.clone(), &scenario.walls));
         let mut outlets = BTreeMap::new();
         let mut outlet =
             |of: (u16, bool)| outlets.entry(of.0).or_insert(Outlet::new(of, &world, &scenario, &log)).clone();
