@@ -26,7 +26,7 @@ use heapless::LinearMap;
 use wire::ble::{Advertised, TagPosition};
 use wire::config::Record;
 use wire::telemetry::{BeaconId, Condition, Sighting, TagFix};
-use wire::uwb::native::{Nonce, software_code};
+use wire::uwb::native::{MakeCode, software_code};
 
 /// From one sighting of a beacon to its next, microseconds: a station uses no more.
 const EVERY_US: u64 = 500_000;
@@ -80,9 +80,9 @@ impl<'r, M: RawMutex, const BYTES: usize, C: Fn() -> u64> Sightings<'r, M, BYTES
     /// Takes the data of an advertisement of no beacon.
     fn receive_tag(&self, data: &[u8]) {
         let Record { network, beacon_key, .. } = self.record;
-        let code = beacon_key.map(|key| move |nonce: &Nonce, bytes: &[u8]| software_code(&key, nonce, [bytes, &[]]));
+        let key = beacon_key.as_ref().map(|key| (key, software_code as MakeCode));
         let Some(TagPosition { tag, round, asked, position, .. }) =
-            TagPosition::parse(data, code).filter(|found| found.pan == network.pan)
+            TagPosition::parse(data, key).filter(|found| found.pan == network.pan)
         else {
             return;
         };
@@ -210,9 +210,9 @@ mod tests {
     fn positions_of_the_network_s_tags_are_told_as_an_anchor_tells_them() {
         let position = PolledPosition::new([1.0, 2.0, 0.5], [[0.01, 0.0, 0.0]; 3], false).unwrap();
         let own = TagPosition { pan: 0xBA12, tag: 0x1001, round: 300, asked: 4, position };
-        let with = |key: [u8; 16]| Some(move |nonce: &Nonce, bytes: &[u8]| software_code(&key, nonce, [bytes, &[]]));
-        let (coded, other) = (own.emit(with(KEY)), TagPosition { tag: 0x1002, ..own }.emit(with([7; 16])));
-        let stranger = TagPosition { pan: 0xBA13, ..own }.emit(with(KEY));
+        let with = |key| Some((key, software_code as MakeCode));
+        let (coded, other) = (own.emit(with(&KEY)), TagPosition { tag: 0x1002, ..own }.emit(with(&[7; 16])));
+        let stranger = TagPosition { pan: 0xBA13, ..own }.emit(with(&KEY));
         let told = |record: &Record| {
             messages(record, &[(5, &coded, -60), (6, &coded, -60), (7, &other, -60), (8, &stranger, -60)])
         };

@@ -5,10 +5,9 @@ use core::convert::Infallible;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embedded_hal_async::delay::DelayNs;
 use ranging::exchange::RoundFix;
-use ranging::native::MakeCode;
 use wire::ble::TagPosition;
 use wire::config::Record;
-use wire::uwb::native::{Nonce, PolledPosition};
+use wire::uwb::native::{MakeCode, PolledPosition};
 
 use crate::{Measured, TaskChannels};
 
@@ -59,8 +58,8 @@ impl Sender {
     #[inline(never)]
     fn emit(&self, found: Found) -> [u8; TagPosition::BYTES] {
         let Found { round, asked, position } = found;
-        let code = self.key.map(|key| move |nonce: &Nonce, bytes: &[u8]| (self.make_code)(&key, nonce, [bytes, &[]]));
-        TagPosition { pan: self.pan, tag: self.tag, round, asked, position }.emit(code)
+        let key = self.key.as_ref().map(|key| (key, self.make_code));
+        TagPosition { pan: self.pan, tag: self.tag, round, asked, position }.emit(key)
     }
 }
 
@@ -96,8 +95,7 @@ mod tests {
 
     impl Advertiser for Noting<'_> {
         async fn advertise(&mut self, data: &[u8; TagPosition::BYTES]) {
-            let code = |nonce: &Nonce, bytes: &[u8]| software_code(b"key of this site", nonce, [bytes, &[]]);
-            let sent = TagPosition::parse(data, Some(code)).expect("with the key's code");
+            let sent = TagPosition::parse(data, Some((b"key of this site", software_code))).expect("the key's code");
             assert_eq!((sent.pan, sent.tag, sent.asked), (0xBA12, 0x1001, 4));
             self.1.borrow_mut().push((self.0.get(), sent.round));
         }

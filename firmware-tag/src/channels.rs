@@ -336,7 +336,7 @@ impl<M: RawMutex> TaskChannels<M> {
         self.outbox.lock(|outbox| outbox.borrow_mut().answer(number, answer));
     }
 
-    /// The engine has found a position that is to be told.
+    /// The engine has found a position, which is advertised.
     pub(crate) fn tell_found(&self, found: Option<Found>) {
         found.into_iter().for_each(|found| self.found.signal(found));
     }

@@ -17,11 +17,7 @@ use heapless::Vec;
 use super::Network;
 use crate::{RadioDuration, RadioInstant};
 use wire::uwb::FrameBuffer;
-use wire::uwb::native::{Challenge, IntegrityCode, Nonce, Session, SyncFrame, split_code};
-
-/// Makes the code of bytes, one part after the other, under a key: [`integrity_code`](wire::uwb::native::integrity_code)
-/// with the AES of the board.
-pub type MakeCode = fn(key: &[u8; 16], nonce: &Nonce, parts: [&[u8]; 2]) -> IntegrityCode;
+use wire::uwb::native::{Challenge, IntegrityCode, MakeCode, Session, SyncFrame, split_code};
 
 /// Senders of a superframe that are remembered: tags that poll in 64 round slots, and those that request some.
 const MAX_OPENED: usize = 96;

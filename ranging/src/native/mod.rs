@@ -57,7 +57,7 @@ mod wake_ups;
 
 pub use anchor::{Anchor, AnchorConfig};
 pub use anchor_table::Refused;
-pub use authentication::{MakeCode, NetworkKey};
+pub use authentication::NetworkKey;
 pub use clock::{ClockModel, STAMP_DEVIATION_TICKS};
 pub use memory::{AnchorMemory, AnchorTables};
 pub use plan::{NOTICE_SUPERFRAMES, Rate};
@@ -67,6 +67,7 @@ pub use timing::{Network, ReplyDelay, Timing};
 pub use wire::config::PollContent;
 pub use wire::uwb::MAX_ROUND;
 pub use wire::uwb::layout::{Layout, Scheme, Span};
+pub use wire::uwb::native::MakeCode;
 
 /// A window or a wait shorter than this costs more than it gives: the node decides at once.
 const SHORTEST_WAIT: crate::RadioDuration = crate::RadioDuration::from_micros(50);

@@ -39,7 +39,7 @@ const LONGEST: RadioDuration = RadioDuration::from_micros(10_000);
 /// An upper limit of durations.
 #[derive(Clone, Copy, Debug)]
 struct Limit {
-    /// Of at most [`LONGEST`]: they fit into 32 bits, which a node's processor is quick with.
+    /// Of at most 20 ms, which a record may pin: they fit into 32 bits, which a node's processor is quick with.
     ticks: i32,
     is_measured: bool,
     /// Samples in a row that were longer, and the shortest of them.
@@ -211,6 +211,7 @@ impl Meter {
         }
     }
 
+    /// Until the node was asked: afterwards, in each round, this is not done.
     #[cold]
     fn transmitted(&mut self, after: RadioDuration) {
         self.answer.take_by_cost(after, RISE);

@@ -11,7 +11,8 @@ const TOWARDS_CORNER: f64 = 0.7;
 /// By how much the walk of each further tag is narrower, and after how many tags widths begin again.
 const NARROWER: f64 = 0.05;
 const TAGS: usize = 10;
-/// After twice as many, tags begin farther along the same walks, by this part of them: never in the same place (the golden section).
+/// After twice as many, tags begin farther along the same walks, by this part of them: never in the same place (the golden
+/// section).
 const FARTHER: f64 = 0.618_033_988_75;
 /// Where a tag stands beside a single anchor, metres.
 const BESIDE_M: f64 = 2.0;

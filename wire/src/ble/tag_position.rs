@@ -15,12 +15,12 @@
 //! | 11 | 16 | [`PolledPosition`], as in a poll, of this round |
 //! | 27 | 4 | code, or zeros without a key |
 //!
-//! With the key that the site's Bluetooth nodes share, the code is the first half of an [`IntegrityCode`] over the bytes 4 to
+//! With the key that the site's Bluetooth nodes share, the code is the first half of an integrity code over the bytes 4 to
 //! 26. Its nonce is (lowest byte first): tag (2), round (2), zeros. It shows that a tag of the site sent the position at some
 //! time: who recorded an advertisement can send it again.
 
-use crate::ble::Structures;
-use crate::uwb::native::{IntegrityCode, Nonce, PolledPosition};
+use crate::ble::{Structure, Structures};
+use crate::uwb::native::{MakeCode, Nonce, PolledPosition};
 
 const MANUFACTURER: u8 = 0xFF;
 const NO_COMPANY: [u8; 2] = [0xFF; 2];
@@ -49,8 +49,8 @@ impl TagPosition {
     /// Bytes of the advertising data.
     pub const BYTES: usize = 31;
 
-    /// The advertising data. `code` makes the code of these bytes, with a key.
-    pub fn emit(&self, code: Option<impl FnOnce(&Nonce, &[u8]) -> IntegrityCode>) -> [u8; Self::BYTES] {
+    /// The advertising data, with the code of a key.
+    pub fn emit(&self, key: Option<(&[u8; 16], MakeCode)>) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
         let [head @ .., _, _, _, _] = &mut bytes;
         let (structure, covered) = head.split_at_mut(4);
@@ -59,17 +59,16 @@ impl TagPosition {
         let [[a, b], [c, d], [e, f]] = [self.pan, self.tag, self.round].map(u16::to_le_bytes);
         numbers.copy_from_slice(&[MARK | self.asked.min(0x0F), a, b, c, d, e, f]);
         position.copy_from_slice(&self.position.0);
-        if let Some(code) = code {
-            let [first, second, third, fourth, ..] = code(&self.nonce(), covered);
+        if let Some((key, make_code)) = key {
+            let [first, second, third, fourth, ..] = make_code(key, &self.nonce(), [covered, &[]]);
             bytes[4 + COVERED..].copy_from_slice(&[first, second, third, fourth]);
         }
         bytes
     }
 
-    /// The position in the data of an advertisement, if there is one. `code` makes the code of these bytes, with a key: then
-    /// a position with another code is none.
-    pub fn parse(advertising_data: &[u8], code: Option<impl FnOnce(&Nonce, &[u8]) -> IntegrityCode>) -> Option<Self> {
-        let of_maker = |structure: &crate::ble::Structure<'_>| structure.kind == MANUFACTURER;
+    /// The position in the data of an advertisement, if there is one. With a key a position with another code is none.
+    pub fn parse(advertising_data: &[u8], key: Option<(&[u8; 16], MakeCode)>) -> Option<Self> {
+        let of_maker = |structure: &Structure<'_>| structure.kind == MANUFACTURER;
         let data = Structures::new(advertising_data).map_while(Result::ok).find(of_maker)?.data;
         let (covered, sent) = data.strip_prefix(&NO_COMPANY)?.split_last_chunk::<4>()?;
         let &[mark, a, b, c, d, e, f, ref position @ ..] = covered else { return None };
@@ -79,7 +78,8 @@ impl TagPosition {
         if mark & 0xF0 != MARK || position.outcome().is_err() {
             return None;
         }
-        code.is_none_or(|code| code(&found.nonce(), covered).starts_with(sent)).then_some(found)
+        let is_of = |(key, make_code): (_, MakeCode)| make_code(key, &found.nonce(), [covered, &[]]).starts_with(sent);
+        key.is_none_or(is_of).then_some(found)
     }
 
     fn nonce(&self) -> Nonce {
@@ -104,12 +104,8 @@ mod tests {
 
     const KEY: [u8; 16] = *b"key of this site";
 
-    fn keyed(nonce: &Nonce, bytes: &[u8]) -> IntegrityCode {
-        software_code(&KEY, nonce, [bytes, &[]])
-    }
-
-    const KEYED: Option<fn(&Nonce, &[u8]) -> IntegrityCode> = Some(keyed);
-    const PLAIN: Option<fn(&Nonce, &[u8]) -> IntegrityCode> = None;
+    const KEYED: Option<(&[u8; 16], MakeCode)> = Some((&KEY, software_code));
+    const PLAIN: Option<(&[u8; 16], MakeCode)> = None;
 
     fn told() -> TagPosition {
         // The position of the poll of the wire format's examples: 1.000, -0.001 and 8.388 m.

@@ -109,8 +109,7 @@ pub enum PollContent {
     Distances,
     /// The last position, for anchors that report it to their hosts.
     Position,
-    /// The same, and the tag advertises each position by Bluetooth. An image that does not know this takes a record with it for
-    /// a damaged one.
+    /// The same, and the tag advertises each position by Bluetooth.
     Advertised,
 }
 

@@ -113,25 +113,21 @@ pub fn advertisements(input: &[u8]) {
         Ok(Advertised::EddystoneUid(uid)) => assert_eq!(EddystoneUid::parse(&uid.emit()), Ok(uid)),
         Err(_) => {}
     }
-    let code = || Some(|nonce: &native::Nonce, bytes: &[u8]| native::software_code(&[7; 16], nonce, [bytes, &[]]));
-    if let Some(position) = TagPosition::parse(input, code()) {
-        let emitted = position.emit(code());
-        assert_eq!(TagPosition::parse(&emitted, code()), Some(position));
-        assert_eq!(TagPosition::parse(&emitted, NO_CODE), Some(position));
-    }
-    if let Some(position) = TagPosition::parse(input, NO_CODE) {
-        assert_eq!(TagPosition::parse(&position.emit(NO_CODE), NO_CODE), Some(position));
+    for key in [None, Some((&[7; 16], native::software_code as native::MakeCode))] {
+        if let Some(position) = TagPosition::parse(input, key) {
+            let emitted = position.emit(key);
+            assert_eq!(TagPosition::parse(&emitted, key), Some(position));
+            assert_eq!(TagPosition::parse(&emitted, None), Some(position));
+        }
     }
 }
-
-const NO_CODE: Option<fn(&native::Nonce, &[u8]) -> native::IntegrityCode> = None;
 
 pub fn advertisement_seeds() -> Vec<Vec<u8>> {
     let ibeacon = IBeacon { uuid: [3; 16], major: 1, minor: 2, measured_power_dbm: -59 };
     let uid = EddystoneUid { namespace: [4; 10], instance: [5; 6], power_0m_dbm: -18 };
     let position = PolledPosition::new([1.0, 2.0, 3.0], [[0.1, 0.0, 0.0]; 3], false).expect("a position");
     let position = TagPosition { pan: 1, tag: 2, round: 3, asked: 4, position };
-    vec![ibeacon.emit().to_vec(), uid.emit().to_vec(), position.emit(NO_CODE).to_vec()]
+    vec![ibeacon.emit().to_vec(), uid.emit().to_vec(), position.emit(None).to_vec()]
 }
 
 /// The first byte decides whether the rest is a stream, or bodies of frames. Messages to nodes are framed alike.

@@ -17,6 +17,9 @@ pub type IntegrityCode = [u8; CODE_BYTES];
 /// What no two frames under one key have in common.
 pub type Nonce = [u8; 13];
 
+/// Makes the code of bytes, one part after the other, under a key: [`integrity_code`] with the AES of the board.
+pub type MakeCode = fn(key: &[u8; 16], nonce: &Nonce, parts: [&[u8]; 2]) -> IntegrityCode;
+
 /// The bit in the message's code of a frame that ends with its integrity code.
 pub(super) const AUTHENTICATED: u8 = 0x08;
 /// The place of the message's code, behind the header with two addresses of 16 bits.

@@ -18,7 +18,7 @@ use integrity::AUTHENTICATED;
 use radio::{RadioDuration, RadioInstant};
 
 pub use downlink::{Answer, Downlink, TagCommand};
-pub use integrity::{CODE_BYTES, IntegrityCode, Nonce, integrity_code, software_code, split_code};
+pub use integrity::{CODE_BYTES, IntegrityCode, MakeCode, Nonce, integrity_code, software_code, split_code};
 pub use lease::{Confirmation, Grant, Lease, LeasedPoll, MAX_BLINKS, Period, Turn, Turns};
 pub use poll::{Asked, Poll};
 pub use relay::{Carried, MAX_IN_RELAY_FRAME, MAX_RELAYED, Relay, RelayFrame, Relayed};
